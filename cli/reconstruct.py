@@ -182,6 +182,7 @@ def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
         "chi2": height.diagnostics.chi2,
         "freedom": height.diagnostics.freedom,
         "contacts": [one.to_dict() for one in height.contacts or ()],
+        "tests": [test.to_dict() for test in height.tests],
         "notices": [asdict(notice) for notice in height.notices],
     }
 

@@ -9,9 +9,9 @@
 | `heightmap.py` | HeightMap |
 | `exact.py` | the correspondence that a perfect decoder would give |
 | `solver/` | the height that has these slopes |
-| `judgement/` | which slopes and edges are in doubt |
+| `judgement/` | which slopes and edges are in doubt; the tests of a map |
 | `uncertainty/` | variance of the height by noise, and its budget |
-| `rig/` | errors of the rig in the height; a rest capture as reference |
+| `rig/` | errors of the rig in the height; a rest capture as reference; explain(): mistakes in a scene |
 | `integrate.py` | integrate(): plain gradient fields |
 | `outputs/` | a regular grid, slopes, curvature, files |
 | `load.py`, `contacts.py` | sag and motion taken off a map less rest; its contacts |
@@ -27,6 +27,7 @@ from .integrate import Integral, integrate
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map, with_slope_noise
+from .rig.hypotheses import explain
 from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
 from .solver.poisson import ColumnPoisson
 from .uncertainty.budget import TOTAL, budget
@@ -37,6 +38,6 @@ __all__ = [
     "GRID_FORMATS", "HEIGHT_FORMATS", "NOISE", "TOTAL", "Anchor", "ColumnPoisson", "Contact",
     "CurvatureMap", "Diagnostics", "EdgeAnchor", "Grid", "HeightFlag", "HeightMap", "Integral",
     "PixelAnchor", "PointAnchor", "SlopeMap", "budget", "contacts", "curvature_map",
-    "exact_correspondence", "integrate", "null_space", "reconstruct", "slope_map",
+    "exact_correspondence", "explain", "integrate", "null_space", "reconstruct", "slope_map",
     "with_slope_noise",
 ]  # fmt: skip

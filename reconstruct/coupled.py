@@ -21,25 +21,18 @@ from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
 
 from .arrays import Floats, Mask, Pair
 from .heightmap import HeightMap
-from .judgement.circulation import circulation_chi2, contradiction
+from .judgement.circulation import circulation_chi2, contradicted
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
+from .judgement.tests import Solved, judged
 from .load import SAG, free_mode, less_sag
 from .problem import Problem, first_solution
-from .result import (
-    against_rest,
-    anchors_apart,
-    anchors_near_wedge,
-    height_map,
-    off_mirror,
-    refused,
-    with_references,
-    without_unknown,
-)
+from .result import height_map, refused, with_references, without_unknown
 from .rig.calibration import same_capture
-from .rig.hypotheses import likely_mistake, likely_mistake_at_rest, of_another_rig, turned_against
-from .rig.model import LINEAR, Measurement, judged_rig, rig_model, rig_modes
+from .rig.hypotheses import explain, likely_mistake, likely_mistake_at_rest, of_another_rig, turned_against
+from .rig.model import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes
+from .rig.shift import PictureShift, picture_shift, shift_modes
 from .solver.anchors import EDGE_OR_BORDER, Anchors
 from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
@@ -116,77 +109,98 @@ def reconstruct(
         solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
     with blas_on_one():
-        height = _with_rig(solution, measured, scene, accept)
+        height, rig, mistake = _with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
-    if rest is not None:
-        height = less_sag(height, problem, state, scene)
+    shift = None
+    if rest is not None and not height.implausible:
+        height, shift = _less_motion(height, solution, measured, scene)
     height = without_unknown(height, scene.mirror)
-    notices = [*height.notices]
-    if rest is not None:
-        notices += against_rest(height, correspondence, corrected, scene)
-    if not height.implausible:
-        notices += () if SAG in height.sources else anchors_apart(problem, state, height)
-        notices += anchors_near_wedge(state, height)
-        notices += off_mirror(height, scene.mirror, anchor is None or isinstance(anchor, str))
-    notices += of_another_rig(measured, scene)
+    loaded = SAG in height.sources
+    solved = Solved(height, problem, state, scene, measured, corrected, rig, mistake, shift, loaded)
+    tests = (*height.tests, *judged(solved))
+    notices = [*height.notices, *(test.notice for test in tests if test.fails)]
     if anchor is None and problem.samples.row.size == 1:
         notices.append(_MIDDLE)
         height = replace(height, free=free_mode(problem, state))
-    height = replace(height, notices=tuple(notices))
+    height = replace(height, notices=tuple(notices), tests=tests)
     for notice in height.notices:
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
     return height
 
 
-def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: bool) -> HeightMap:
-    """The height with the modes of its rig, its slopes judged after the errors of the rig are taken off; all
-    pixels are flagged where no such rig can have taken the capture, unless `accept`."""
+class _Judged(NamedTuple):
+    """A map with the modes of its rig, how its slopes were judged beside the rig's errors (None: they fit
+    without), and the mistake for which it is refused, in words."""
+
+    height: HeightMap
+    rig: RigJudgement | None = None
+    mistake: str | None = None
+
+
+def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: bool) -> _Judged:
+    """The height, its slopes judged after the errors of the rig are taken off; all pixels are flagged where
+    no such rig can have taken the capture, unless `accept`."""
     chi2, freedom, at_rest = solution.chi2, solution.freedom, measured.rest is not None
-    height = _height(solution, rest=at_rest)
-    contradicted = bool(contradiction(chi2, freedom))
-    if scene.exact and not (contradicted and chi2 > LINEAR):
-        return height
+    height = _height(solution)
+    apart = contradicted(chi2, freedom)
+    if scene.exact and not (apart and chi2 > LINEAR):
+        return _Judged(height)
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
     if measured.rest is not None and not accept:
         mistake = turned_against(measured.correspondence, measured.rest) or likely_mistake_at_rest(
             measured.rest, scene
         )
         if mistake is not None:
-            return refused(height, mistake)
+            return _Judged(refused(height), None, mistake)
     model = rig_model(measured, typed, height)
     if model is None:
-        return height
-    solutions = model.solutions()
-    if contradicted:
+        return _Judged(height)
+    solutions, left = model.solutions(), None
+    if apart:
         left = judged_rig(model, solutions, chi2, freedom)
         if not scene.exact:
-            height = _height(solution._replace(chi2=left.chi2, freedom=left.freedom), rig=True, rest=at_rest)
+            known = replace(height.diagnostics, chi2=left.chi2, freedom=left.freedom)
+            height = replace(height, diagnostics=known)
         doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
         if doubted and not accept:
             mistake = None if at_rest else likely_mistake(measured, typed, left)
             if mistake or not left.likely:
-                return refused(height, mistake)
+                return _Judged(refused(height), left, mistake)
     if scene.exact:
-        return height
-    return replace(height, **rig_modes(model, solutions)._asdict())
+        return _Judged(height, left)
+    return _Judged(replace(height, **rig_modes(model, solutions)._asdict()), left)
+
+
+def _less_motion(
+    height: HeightMap, solution: Solution, measured: Measurement, scene: Scene
+) -> tuple[HeightMap, PictureShift]:
+    """A map less rest without sag and motion, and the picture's shift by that motion, which may be a sinking
+    of the mirror; of a rig without motion, which takes it for one, by a fit with a motion beside it."""
+    problem, state = solution.problem, solution.state
+    before = height if height.own else shift_modes(height, problem, state, measured.correspondence)
+    after = less_sag(before, problem, state, scene)
+    shift = picture_shift(before, after, scene)
+    if not height.own:
+        tests = tuple(test for test in after.tests if test.test != "motion")
+        shift = shift._replace(prior=0.0)
+        after = replace(less_sag(height, problem, state, scene), tests=tests)
+    return replace(after, sinking=shift.unsure), shift
 
 
 @contextmanager
 def _explained(measured: Measurement, scene: Scene) -> Iterator[None]:
-    """A capture that cannot be solved names the mistake in its scene that its rest capture shows."""
+    """A capture that cannot be solved names the likeliest mistake in its scene."""
     try:
         yield
     except InputError as error:
-        mistake = None if measured.rest is None else likely_mistake_at_rest(measured.rest, scene)
-        if mistake is not None:
-            raise InputError(
-                f"{error}; with one change of the scene the rest capture fits: {mistake}"
-            ) from error
-        if not (found := of_another_rig(measured, scene)):
+        for mistake in explain(measured.correspondence, scene, measured.rest):
+            raise InputError(f"{error}; with one change of the scene it fits: {mistake}") from error
+        found = of_another_rig(measured, scene)
+        if found is None or not found.fails:
             raise
-        raise InputError(f"{error}; {found[0]}") from error
+        raise InputError(f"{error}; {found.notice}") from error
 
 
 def solved_height(
@@ -215,11 +229,10 @@ def solved_height(
     return Solution(correspondence, problem, state, noise, chi2, freedom)
 
 
-def _height(solution: Solution, rig: bool = False, rest: bool = False) -> HeightMap:
-    """The map of a solution; rig: its chi2 is what errors of the rig leave; rest: see `height_map`."""
+def _height(solution: Solution) -> HeightMap:
+    """The map of a solution."""
     seen, problem, state, noise, chi2, freedom = solution
-    known = None if math.isnan(chi2) else chi2
-    return height_map(problem, state, seen, noise, known, freedom, rig, rest)
+    return height_map(problem, state, seen, noise, None if math.isnan(chi2) else chi2, freedom)
 
 
 def _wrong_pixels(problem: Problem, state: State, jumps: Doubt, scene: Scene) -> Mask:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
 from pathlib import Path
@@ -16,7 +17,7 @@ from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.maps import MESHES, chosen, write_tiff
-from optolever.notices import Notice, notices_from_array, notices_to_array
+from optolever.notices import Judged, Notice, notices_from_array, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 
 from .arrays import Floats, Mask
@@ -40,9 +41,10 @@ class HeightFlag(IntFlag):
 
     NO_ANCHOR: nothing ties the pixel to a known height; CURL: its slopes are those of no surface; STEEP: it
     is reached only across slopes that change too fast between pixels (a cusp, a rim), by which its height may
-    be wrong by more than three sigma of the pixels around (in its sigma); NOT_CONVERGED: the last steps still
-    moved it, or too many others; SINGULAR: the pattern lies within its noise of the mirror or of the ray
-    there, so that there is no normal, or its total sigma exceeds a quarter of the mirror's length;
+    be wrong by more than three sigma of the pixels around (in its sigma); NOT_CONVERGED: the last step still
+    moved it by more than its sigma, or too many others; SINGULAR: the pattern lies within its noise of the
+    mirror or of the ray there, so that there is no normal, or its total sigma exceeds a quarter of the
+    mirror's length;
     IMPLAUSIBLE: no rig of the scene's accuracy can have taken the capture (on all pixels).
     """
 
@@ -102,7 +104,8 @@ class HeightMap(Comparable):
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
-    as upright); notices: warnings about the map, the correspondence's included;
+    as upright); notices: warnings about the map, the correspondence's included; tests: those that the map was
+    put to, not in files;
     modes: (r, rows, cols) mm on every `modes_step`-th pixel, linear between: change of z by one standard
     deviation of every independent error of the rig, apart from `sigma`; an error is common to all heights.
     None: the scene is exact.
@@ -116,6 +119,8 @@ class HeightMap(Comparable):
     capture): they do not cancel in a difference of two maps.
     references: names (k,) of the rest capture and the anchors that the map rests on; shared (k, H, W) mm: the
     part of `sigma` that is theirs, common to all maps of the same reference.
+    sinking: standard deviation of an even sinking of the mirror, mm, apart from the modes: the picture is
+    that of a rig that moved since rest.
     contacts: see `contacts`; None: not looked for.
     free: (H, W) change of z with the anchor's height, of size 1 (median), where an anchor is a guess: the
     middle of a mirror whose edge is not seen; None: it is none.
@@ -129,6 +134,7 @@ class HeightMap(Comparable):
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
     lean: Lean | None = None
     notices: tuple[Notice, ...] = ()
+    tests: tuple[Judged, ...] = ()
     modes: Modes | None = None
     modes_step: int = 1
     sources: tuple[str, ...] = ()
@@ -137,6 +143,7 @@ class HeightMap(Comparable):
     own: int = 0
     references: tuple[str, ...] = ()
     shared: Floats | None = None
+    sinking: float = 0.0
     contacts: tuple[Contact, ...] | None = None
     free: Floats | None = None
 
@@ -205,8 +212,10 @@ class HeightMap(Comparable):
             flags=self.flags | other.flags,
             diagnostics=Diagnostics("difference"),
             notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
+            tests=(),
             references=(),
             shared=None,
+            sinking=math.hypot(self.sinking, other.sinking),
             contacts=None,
             free=None,
             **self._modes_less(other),
@@ -277,8 +286,8 @@ class HeightMap(Comparable):
 
     @property
     def total_sigma(self) -> Floats:
-        """Standard deviation of z (mm): noise and rig."""
-        return np.hypot(self.sigma, self.calibration_sigma)
+        """Standard deviation of z (mm): noise, rig, and a sinking of the whole mirror."""
+        return np.hypot(np.hypot(self.sigma, self.calibration_sigma), self.sinking)
 
     def difference(self, other: HeightMap) -> tuple[Floats, Floats]:
         """z of this map less another one, and its standard deviation (mm)."""
@@ -311,6 +320,7 @@ class HeightMap(Comparable):
         """Write a compressed .npz with the fields' names, maps as float32; what is empty is left out. more:
         arrays that it also holds."""
         values: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)} | more
+        del values["tests"]
         values["notices"] = notices_to_array(self.notices) if self.notices else None
         values["diagnostics"] = self.diagnostics.to_json()
         if self.contacts is not None:
@@ -321,12 +331,15 @@ class HeightMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> HeightMap:
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
-        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS, ("own", "modes_step"))
+        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS, ("own", "modes_step", "sinking"))
         try:
             _require_sound(arrays)
+            arrays.pop("tests", None)
             values = {entry.name: arrays[entry.name] for entry in fields(cls) if entry.name in arrays}
             values |= {name: np.asarray(values[name], np.float64) for name in _SINGLE if name in values}
             values |= {name: int(values[name]) for name in ("own", "modes_step") if name in values}
+            if "sinking" in values:
+                values["sinking"] = float(values["sinking"])
             for name in ("sources", "references"):
                 values[name] = tuple(map(str, np.atleast_1d(values.get(name, ()))))
             if "notices" in values:
@@ -379,6 +392,8 @@ def _require_sound(arrays: dict[str, Any]) -> None:
     for name in ("own", "modes_step"):
         if name in arrays and not 0 <= arrays[name] < 2**16:
             raise InputError(f"{name} is {arrays[name]}, must be a whole number from 0")
+    if not 0 <= arrays.get("sinking", 0.0) < math.inf:
+        raise InputError(f"sinking is {arrays['sinking']}, must be a length from 0, mm")
     for name in (*_SINGLE, "modes", "displacement", "shares"):
         if name in arrays and np.ndim(arrays[name]) < 2:
             raise InputError(f"{name} has shape {np.shape(arrays[name])}, must have two dimensions or more")

@@ -12,7 +12,7 @@ import numpy as np
 
 from optolever.blocks import blas_on_one
 from optolever.contact import Surface, load_fit
-from optolever.notices import Notice
+from optolever.notices import Judged
 from optolever.scene import Scene
 
 from .arrays import Floats
@@ -47,24 +47,22 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
-    notices = []
-    if motion > _MOVED:
-        name = "The rig moved between rest and press, by so many of its standard deviations"
-        notices.append(Notice(name, motion, _MOVED, _CURE_MOVED))
-    if found.beyond > _MISFIT:
-        name = "Outside the contacts the mirror does not sink as under a load; residual over noise"
-        notices.append(Notice(name, found.beyond, _MISFIT, _CURE_SAG))
+    name = "The rig moved between rest and press, by so many of its standard deviations"
+    moved = Judged("motion", motion, _MOVED, name, _CURE_MOVED)
+    name = "Outside the contacts the mirror does not sink as under a load; residual over noise"
+    load = Judged("load", found.beyond, _MISFIT, name, _CURE_SAG)
+    height = replace(height, tests=(*height.tests, moved, load))
     less = surface.less(found)
     assert less.modes is not None
     modes, z = np.asarray(less.modes, np.float64), np.asarray(less.z, np.float64)
-    if found.beyond > _MISFIT:
+    if load.fails:
         few = slice(None, None, surface.step), slice(None, None, surface.step)
         wide = np.zeros((0, *height.z[few].shape))
         wide = wide if height.modes is None else np.asarray(_wider(height).modes, np.float64)
         modes, z = np.concatenate([wide, (height.z - z)[None, *few]]), height.z
-        return replace(_with_own(height, modes, surface.step), z=z, notices=(*height.notices, *notices))
+        return replace(_with_own(height, modes, surface.step), z=z)
     own = _with_own(height, modes, surface.step, _rest_share(height) * found.noise)
-    return replace(own, z=z, notices=(*height.notices, *notices))
+    return replace(own, z=z)
 
 
 def _wider(height: HeightMap) -> HeightMap:
@@ -74,14 +72,11 @@ def _wider(height: HeightMap) -> HeightMap:
         return height
     own = np.square(height.modes[-height.own :], dtype=np.float64).sum(axis=0)
     wider = 1.4826 * float(np.median(np.abs(height.z[good]))) / float(np.sqrt(np.mean(own)))
-    if not wider > 1:
-        return height
-    modes = height.modes.copy()
-    modes[-height.own :] *= wider
     cure = "total_sigma includes it; press on less of the mirror"
     name = "Too little of the mirror is untouched to measure the rig's motion; sigma of it, times the usual"
-    notices = (Notice(name, wider, _MOVED, cure),) if wider > _MOVED else ()
-    return replace(height, modes=modes, notices=(*height.notices, *notices))
+    modes = height.modes.copy()
+    modes[-height.own :] *= max(wider, 1.0)
+    return replace(height, modes=modes, tests=(*height.tests, Judged("untouched", wider, _MOVED, name, cure)))
 
 
 def surface_of(height: HeightMap, free: Floats | None = None) -> Surface:

@@ -5,15 +5,16 @@ than 1 % of its heights beyond five total sigma; a fault counts where more are.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct
+from optolever.reconstruct import exact_correspondence, reconstruct
 from optolever.scene import (
     Scene,
     Surface,
@@ -37,22 +38,6 @@ Rng = np.random.Generator
 _PART = "heights"
 _SIZE, _NOISE = (120, 160), 0.01  # px
 _BEYOND = 0.01  # share of the heights
-#: Test -> how its notice begins.
-TESTS = {
-    "moved": "The picture has moved as a whole",
-    "motion": "The rig moved between rest and press",
-    "load": "Outside the contacts the mirror does not sink",
-    "circulation": "The slopes contradict each other",
-    "plausible": "The capture contradicts its scene",
-    "rest rig": "A flat mirror is seen elsewhere",
-    "anchors": "The anchors contradict each other",
-    "wedge": "The error of the anchors grows",
-    "mirror's edge": "Points lie beyond the mirror's edge",
-    "total sigma": "total sigma exceeds a quarter",
-    "rest pixels": "The rest capture has no coordinates",
-    "below rest": "Heights lie below those at rest",
-    "converged": "The solve did not converge",
-}
 
 
 @dataclass(frozen=True)
@@ -63,13 +48,6 @@ class _Case:
     press: Correspondence
     rest: Correspondence | None
     z: Floats
-
-    def solved(self) -> HeightMap | None:
-        """None: refused in one line."""
-        try:
-            return reconstruct(self.press, self.typed, rest=self.rest)
-        except InputError:
-            return None
 
 
 @dataclass(frozen=True)
@@ -98,41 +76,43 @@ def rows(seeds: int) -> list[Row]:
     """Of every test on every kind of right captures, and of every kind of fault."""
     found = []
     for kind, make in RIGHT.items():
-        maps = [(_named(height), wrong) for seed in range(seeds) for height, wrong in _maps(make, kind, seed)]
-        told, off = [one for one, wrong in maps if not wrong], [one for one, wrong in maps if wrong]
-        found += [
-            Row(_PART, test, kind, math.nan, len(told), sum(test in one for one in told), 0, 0)
-            for test in TESTS
-        ]
-        found.append(Row(_PART, "any", kind, math.nan, 0, 0, len(off), sum(not one for one in off)))
+        maps = [_judged(make, kind, seed) for seed in range(seeds)]
+        told, off = [one for one in maps if not one.wrong], [one for one in maps if one.wrong]
+        for test in dict.fromkeys(test for one in told for test in one.limits):
+            limits = [one.limits[test] for one in told if test in one.limits]
+            alarms = sum(test in one.named for one in told)
+            found.append(Row(_PART, test, kind, min(limits), len(limits), alarms, 0, 0))
+        silent = sum(not one.named for one in off)
+        found.append(Row(_PART, "any", kind, math.nan, 0, 0, len(off), silent))
     for kind, (make, tests) in WRONG.items():
-        named = [
-            _named(height) for seed in range(seeds) for height, wrong in _maps(make, kind, seed) if wrong
-        ]
-        missed = sum(not one & set(tests) for one in named)
-        found.append(Row(_PART, ", ".join(tests), kind, math.nan, 0, 0, len(named), missed))
+        maps = [_judged(make, kind, seed) for seed in range(seeds)]
+        off = [one for one in maps if one.wrong]
+        missed = sum(not one.named & set(tests) for one in off)
+        found.append(Row(_PART, ", ".join(tests), kind, math.nan, 0, 0, len(off), missed))
     return found
 
 
-def _maps(make: "_Make", kind: str, seed: int) -> Iterator[tuple[HeightMap | None, bool]]:
-    """The map of a case and whether its heights are wrong."""
+class _Judged(NamedTuple):
+    """limits: of the tests of a map; named: the ones that fail; wrong: more than 1 % of the heights are
+    beyond five total sigma, or none is good."""
+
+    limits: dict[str, float]
+    named: set[str]
+    wrong: bool
+
+
+def _judged(make: "_Make", kind: str, seed: int) -> _Judged:
     rng = np.random.default_rng([91, seed, sum(map(ord, kind))])
     case = make(_rigs(seed, rng), rng)
-    height = case.solved()
-    yield height, height is None or _wrong(height, case.z)
-
-
-def _wrong(height: HeightMap, z: Floats) -> bool:
-    good = height.good & np.isfinite(z)
-    score = np.abs(height.z - z)[good] > 5 * height.total_sigma[good]
-    return not good.any() or float(score.mean()) > _BEYOND
-
-
-def _named(height: HeightMap | None) -> set[str]:
-    """Tests that have a notice; all of them where nothing is solved."""
-    if height is None:
-        return set(TESTS)
-    return {test for test, name in TESTS.items() if any(one.name.startswith(name) for one in height.notices)}
+    try:
+        height = reconstruct(case.press, case.typed, rest=case.rest)
+    except InputError:  # one line says why
+        return _Judged({}, {"refused"}, True)
+    good = height.good & np.isfinite(case.z)
+    beyond = np.abs(height.z - case.z)[good] > 5 * height.total_sigma[good]
+    wrong = not good.any() or float(beyond.mean()) > _BEYOND
+    limits = {test.test: test.limit for test in height.tests}
+    return _Judged(limits, {test.test for test in height.tests if test.fails}, wrong)
 
 
 def _rigs(seed: int, rng: Rng) -> _Rigs:
@@ -253,8 +233,8 @@ def _sinks(micrometres: float) -> _Make:
     return lambda rigs, rng: rigs.case(_ball(0.05, sunk=1e-3 * micrometres), rng)
 
 
-_MOVED = ("moved", "motion")
-_SCENE = ("plausible", "rest rig", "circulation")
+_MOVED = ("moved", "motion", "untouched")
+_SCENE = ("plausible", "rest rig", "circulation", "refused")
 #: Kind of fault -> makes a capture of it, and the tests one of which names it.
 WRONG: dict[str, tuple[_Make, tuple[str, ...]]] = {
     **{f"camera moved by {px:g} px": (_camera(px), _MOVED) for px in (0.05, 0.2, 1.0)},

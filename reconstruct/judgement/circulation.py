@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 import scipy.special
 
-from optolever.notices import Notice
+from optolever.notices import Judged
 
 from ..arrays import Floats, Mask, middle
 from ..measured import Measured
 from ..solver.edges import increments
 from ..solver.newton import State
 
-__all__ = ["circulation_chi2", "circulations", "contradiction"]
+__all__ = ["circulation_chi2", "circulation_test", "circulations", "contradicted"]
 
 _SMALLEST = 4  # pixels: below it an edge's four slopes overlap
 _MOST = 1e6  # of the median variance: the cap
@@ -54,7 +54,7 @@ def circulation_chi2(data: Measured, state: State, gain: Floats) -> tuple[float,
         if freedom > 1:
             found.append((float(np.mean(scores**2)), freedom))
     worst = max(found[1:], key=lambda one: one[0] / _limit(one[1]), default=found[0])
-    return worst if contradiction(*worst) else found[:2][-1]
+    return worst if contradicted(*worst) else found[:2][-1]
 
 
 def circulations(mask: Mask, slopes: tuple[Floats, Floats], variance: Floats) -> list[tuple[int, Floats]]:
@@ -95,13 +95,16 @@ def _limit(freedom: int) -> float:
     return _TRUST**2 * float(scipy.special.chdtri(freedom, _CHANCE)) / freedom
 
 
-def contradiction(
-    chi2: float | None, freedom: int, rig: bool = False, rest: bool = False
-) -> tuple[Notice, ...]:
-    """The notice that noise does not explain the slopes, if that is so; rig: nor errors of the rig, which
-    chi2 holds; rest: of heights against a rest capture."""
-    if chi2 is None or not chi2 > _limit(freedom):
-        return ()
-    name = f"The slopes contradict each other; chi2 over its {freedom} degrees of freedom"
+def contradicted(chi2: float, freedom: int) -> bool:
+    """Whether noise does not explain the slopes."""
+    return chi2 > _limit(freedom)
+
+
+def circulation_test(chi2: float | None, freedom: int, rig: bool, rest: bool, likely: bool) -> Judged | None:
+    """Whether noise explains the slopes; rig: or errors of the rig, which chi2 is without; rest: of heights
+    against a rest capture; likely: such a rig is, so that heights lie within total sigma whatever is left."""
+    if chi2 is None:
+        return None
+    words = f"The slopes contradict each other; chi2 over its {freedom} degrees of freedom"
     cure = _CURE_AGAINST_REST if rest else _CURE_BESIDE_RIG if rig else _CURE
-    return (Notice(name, chi2, _limit(freedom), cure),)
+    return Judged("circulation", chi2, math.inf if likely else _limit(freedom), words, cure)

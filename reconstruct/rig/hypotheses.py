@@ -10,8 +10,8 @@ import numpy as np
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.notices import Notice
-from optolever.scene import Scene, adjusted, parameter_values, strided, typed_covariance
+from optolever.notices import Judged
+from optolever.scene import TYPED, Scene, adjusted, parameter_values, strided, typed_covariance
 
 from ..arrays import Floats, some_rows
 from ..geometry import flat_mirror, ray_field, traced_rays
@@ -19,8 +19,9 @@ from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain
 from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 
-__all__ = ["likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
+__all__ = ["explain", "likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
 
+_NAMES = 3  # mistakes
 _BETTER = 0.1  # of the misfit: the limit for the right description
 _LINES = 24  # rows of the grid on which a rest capture is compared with the flat mirror
 _NOISE = 1.0  # px: sag, glass and curvature of a rest capture
@@ -55,43 +56,73 @@ _FLIPS = {
 _Change = Callable[[Correspondence], Correspondence]
 
 
-def likely_mistake(measured: Measurement, scene: Scene, described: RigJudgement) -> str | None:
-    """The mistake without which the capture fits its scene, in words; None where none does.
+def explain(
+    correspondence: Correspondence, scene: Scene, rest: Correspondence | None = None
+) -> tuple[str, ...]:
+    """Up to three mistakes in the scene or the pictures without which the capture fits, in words, the
+    likeliest first; none where none does, or the capture fits as it stands."""
+    typed = replace(scene, accuracy=TYPED) if scene.exact else scene
+    if rest is None:
+        return _mistakes_alone(Measurement(correspondence, None, None, None), typed)[:_NAMES]
+    turned = turned_against(correspondence, rest)
+    return ((turned,) if turned else ()) + _mistakes_at_rest(rest, typed)[: _NAMES - bool(turned)]
 
-    Only mistakes without which the places lie nearer to those of the flat mirror, the nearest first, each
-    solved on a coarse grid. described: the judgement of the capture as it was described.
-    """
+
+def likely_mistake(measured: Measurement, scene: Scene, described: RigJudgement) -> str | None:
+    """The mistake without which the capture fits its scene, in words; None where none does. described: the
+    judgement of the capture as it was described."""
+    return next(iter(_mistakes_alone(measured, scene, described)), None)
+
+
+def _mistakes_alone(
+    measured: Measurement, scene: Scene, described: RigJudgement | None = None
+) -> tuple[str, ...]:
+    """Only mistakes without which the places lie nearer to those of the flat mirror, the nearest first, each
+    solved on a coarse grid."""
     press, mistakes = measured.correspondence, _mistakes(scene)
+    if described is None and (described := _judged(measured, scene)) is None:
+        return ()
     away = {words: _rest_misfit(change(press), other) for words, (change, other) in mistakes.items()}
+    found = []
     for words in sorted(away, key=away.__getitem__):
         if not away[words] < _rest_misfit(press, scene):
             break
         change, other = mistakes[words]
         rest = None if measured.rest is None else change(measured.rest)
-        try:
-            model = rig_model(measured._replace(correspondence=change(press), rest=rest), other)
-            assert model is not None
-            gain = noise_gain(model.problem.data.mask, model.problem.bridged)
-            raw, freedom = circulation_chi2(model.problem.data, model.state, gain)
-            if not raw < _BETTER * described.raw:
-                continue
-            judged = judged_rig(model, model.solutions(), raw, freedom)
-        except InputError:  # no such mirror
-            continue
-        if judged.likely and (judged.exact or judged.chi2 < 0.5 * described.chi2):
-            return words
-    return None
+        judged = _judged(measured._replace(correspondence=change(press), rest=rest), other, described.raw)
+        if judged and judged.likely and (judged.exact or judged.chi2 < 0.5 * described.chi2):
+            found.append(words)
+    return tuple(found)
+
+
+def _judged(measured: Measurement, scene: Scene, raw: float = math.inf) -> RigJudgement | None:
+    """The judgement of a capture on a coarse grid; None where no mirror explains it, or not much better than
+    with a chi2 of `raw`."""
+    try:
+        model = rig_model(measured, scene)
+        if model is None:
+            return None
+        gain = noise_gain(model.problem.data.mask, model.problem.bridged)
+        chi2, freedom = circulation_chi2(model.problem.data, model.state, gain)
+        return judged_rig(model, model.solutions(), chi2, freedom) if chi2 < _BETTER * raw else None
+    except InputError:  # no such mirror
+        return None
 
 
 def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
     """The mistake without which the rest capture is one of a flat mirror, in words; None where none is, or
     the scene is likely as it stands."""
+    return next(iter(_mistakes_at_rest(rest, scene)), None)
+
+
+def _mistakes_at_rest(rest: Correspondence, scene: Scene) -> tuple[str, ...]:
+    """The best first."""
     misfit = _rest_misfit(rest, scene)
     if misfit <= LIKELY:
-        return None
+        return ()
     found = {words: _rest_misfit(change(rest), other) for words, (change, other) in _mistakes(scene).items()}
-    best = min(found, key=found.__getitem__)
-    return best if found[best] < min(LIKELY, _BETTER * misfit) else None
+    limit = min(LIKELY, _BETTER * misfit)
+    return tuple(words for words in sorted(found, key=found.__getitem__) if found[words] < limit)
 
 
 def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
@@ -109,26 +140,25 @@ def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
     return best if found[best] < _BETTER * apart((slice(None), slice(None))) else None
 
 
-def of_another_rig(measured: Measurement, scene: Scene) -> tuple[Notice, ...]:
-    """The notice that a flat mirror in this rig shows no pattern, or that the capture at rest (of a prism
-    the press itself) shows it elsewhere than the accuracy of the rig's numbers allows."""
+def of_another_rig(measured: Measurement, scene: Scene) -> Judged | None:
+    """Whether a flat mirror in this rig shows no pattern, or the capture at rest (of a prism the press
+    itself) shows it elsewhere than the accuracy of the rig's numbers allows."""
     seen = measured.correspondence if measured.rest is None else measured.rest
     if seen.u.shape != (scene.camera.rows, scene.camera.cols):
-        return ()
+        return None
     few = strided(scene, max(1, min(seen.u.shape) // _LINES))
     if not np.isfinite(flat_mirror(few)).any():
-        name = "By the scene's numbers no pixel sees the pattern in a flat mirror"
-        return (Notice(name, math.nan, math.nan, "correct them (optolever sensor draws them)"),)
+        words = "By the scene's numbers no pixel sees the pattern in a flat mirror"
+        return Judged("rest rig", math.nan, math.nan, words, "correct them (optolever sensor draws them)")
     if measured.rest is None and (scene.accuracy is None or scene.open_air):
-        return ()
+        return None
     errors, _, names = _rest_errors(seen, scene, robust=measured.rest is None)
-    far = float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
-    if far**2 <= LIKELY:
-        return ()
+    if not errors.size:
+        return None
     most = names[int(np.abs(errors).argmax())]
-    name = f"A flat mirror is seen elsewhere than by the scene's numbers, {most} the most; rms in sigma"
+    words = f"A flat mirror is seen elsewhere than by the scene's numbers, {most} the most; rms in sigma"
     cure = f"correct mirror, pattern and camera of the scene ({most} may stand for another), or calibrate"
-    return (Notice(name, far, LIKELY**0.5, cure),)
+    return Judged("rest rig", float(np.sqrt(np.mean(errors**2))), LIKELY**0.5, words, cure)
 
 
 def _rest_misfit(rest: Correspondence, scene: Scene) -> float:

@@ -9,6 +9,7 @@ the mean over its surroundings. Anchors are looked for once: another rig sees th
 solution's normal, at another distance.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -82,10 +83,12 @@ class Measurement(NamedTuple):
 
 class RigJudgement(NamedTuple):
     """chi2 of the slopes' circulation after the errors of the rig are taken off, and its degrees of freedom;
-    likely: whether the covariance of the rig allows such errors; raw: chi2 before, on the coarse grid."""
+    errors: of the rig, rms in standard deviations; likely: whether its covariance allows them; raw: chi2
+    before, on the coarse grid."""
 
     chi2: float
     freedom: int
+    errors: float
     likely: bool
     raw: float
 
@@ -366,7 +369,7 @@ def judged_rig(model: RigModel, solutions: Sequence[RigSolution], raw: float, fr
     blocks, solution = model.circulations(solutions[0]), solutions[0]
     first = blocks.scores
     if not first.any():
-        return RigJudgement(raw, freedom, True, raw)
+        return RigJudgement(raw, freedom, 0.0, True, raw)
     slopes = np.stack([(model.circulations(each).scores - first) / _STEP for each in solutions[1:]], axis=1)
     before = blocks.worst(first)
     allowed = before <= blocks.worst(np.sqrt(np.square(slopes).sum(axis=1)))
@@ -386,10 +389,13 @@ def judged_rig(model: RigModel, solutions: Sequence[RigSolution], raw: float, fr
         else:
             reach *= _SHORTER
     left = blocks.worst(scores)
-    likely = float(errors @ errors) <= LIKELY * model.count
+    square = float(errors @ errors) / model.count
+    likely, size = square <= LIKELY, math.sqrt(square)
     if trust < 1.0:
-        return RigJudgement(trust * left, freedom, allowed or (likely and trust * left <= LIKELY), before)
-    return RigJudgement(raw * left / before, freedom, allowed or likely, before)
+        return RigJudgement(
+            trust * left, freedom, size, allowed or (likely and trust * left <= LIKELY), before
+        )
+    return RigJudgement(raw * left / before, freedom, size, allowed or likely, before)
 
 
 def _affine(points: Floats, moved: Floats) -> Floats:

@@ -16,7 +16,7 @@ from .sources import NOISE
 
 __all__ = ["NOISE", "TOTAL", "budget"]
 
-TOTAL = "total"
+TOTAL, SINKING = "total", "even sinking of the mirror since rest"
 _SHALLOW = 0.1  # of the deepest: what surrounds a dent
 _PART = 0.01  # of the noise's variance: smaller sources count with the others
 
@@ -69,5 +69,7 @@ def _one(height: HeightMap, at: tuple[int, int], around: Mask | None) -> dict[st
         names = ("the numbers of the rig",) if height.shares is None else height.sources
         squares = np.einsum("i,sij,j->s", moved, of_rig, moved)
         found |= dict(zip(names, np.sqrt(np.maximum(squares, 0.0)).tolist(), strict=True))
+    if around is None and height.sinking:
+        found[SINKING] = height.sinking
     found[TOTAL] = float(np.linalg.norm(list(found.values())))
     return found
