@@ -16,7 +16,7 @@ from lab.calibration.rigs import behind_face
 from lab.calibration.typed import typed_runs
 from optolever import InputError
 from optolever.decode import Correspondence
-from optolever.reconstruct import HeightFlag, HeightMap, PixelAnchor, reconstruct
+from optolever.reconstruct import HeightFlag, HeightMap, PixelAnchor, explain, reconstruct
 from optolever.scene import (
     TYPED,
     Scene,
@@ -156,6 +156,9 @@ def test_a_mistake_in_the_scene_is_named(words: str, against_rest: bool) -> None
     change, scene = MISTAKES[words]
     press, at_rest = (change(captured(PRISM, name, seed=k)[1]) for k, name in enumerate(("gaussian", "flat")))
     rest = at_rest if against_rest else None
+    found = explain(press, scene, rest)
+    assert any(words in one for one in found)
+    assert len(found) <= 3
     said = ""
     try:
         height = reconstruct(press, scene, anchor=ANCHOR, rest=rest)
@@ -185,6 +188,12 @@ def test_a_press_whose_pictures_are_turned_against_rest_is_refused(
     height = reconstruct(replace(press, **arrays), PRISM, rest=rest)
     assert height.implausible
     assert any(words in notice.cure for notice in height.notices)
+
+
+@pytest.mark.parametrize("against_rest", [True, False], ids=["rest", "alone"])
+def test_a_scene_without_a_mistake_is_not_explained(against_rest: bool) -> None:
+    press, rest = (captured(PRISM, name, seed=k)[1] for k, name in enumerate(("gaussian", "flat")))
+    assert explain(press, PRISM, rest if against_rest else None) == ()
 
 
 def test_an_exact_scene_that_is_impossible_is_refused() -> None:
