@@ -31,7 +31,6 @@ _DEEP = 5.0  # sigmas of a mean depth; how much deeper than high a map is that w
 _APART = 5.0  # standard deviations, rms: rigs that are right stay below 1.2
 _SURE = 3.0  # standard deviations
 _WEDGE = 10.0  # times: of a prism within a tenth of its length
-_LEAST, _CREPT, _USUAL = 0.005, 5.0, 4.0  # pixels; standard deviations of a shift, of a rig's usual motion
 
 
 class Solved(NamedTuple):
@@ -117,13 +116,14 @@ def _moved(solved: Solved) -> Judged | None:
     shift = solved.shift
     if shift is None:
         return None
-    limit = max(_LEAST, _CREPT * shift.sigma, _USUAL * shift.prior)
     taken = "the rig's motion" if shift.prior else "the mirror's sinking"
     cure = (
         f"as of a mirror that sank by {1e3 * abs(shift.sunk):.2g} µm; heights count it as {taken}, "
         "total_sigma as either: clamp the rig, let it warm up, and capture the mirror at rest again"
     )
-    return Judged("moved", shift.pixels, limit, "The picture has moved as a whole since rest, pixels", cure)
+    return Judged(
+        "moved", shift.pixels, shift.limit, "The picture has moved as a whole since rest, pixels", cure
+    )
 
 
 def _below_rest(solved: Solved) -> Judged | None:

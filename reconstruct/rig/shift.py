@@ -25,6 +25,8 @@ from ..solver.newton import State, response
 
 __all__ = ["PictureShift", "picture_shift", "shift_modes"]
 
+_LEAST = 0.005  # pixels: of an exact rig
+_CREPT, _USUAL = 5.0, 4.0  # standard deviations: of the fit, of a rig's usual motion
 _LOWER, _TILT = 1e-3, 1e-6  # mm, rad: of differences
 _IMAGE = 0.2  # pixels of the camera: standard deviation of a motion
 
@@ -40,8 +42,16 @@ class PictureShift(NamedTuple):
     sunk_sigma: float
 
     @property
+    def limit(self) -> float:
+        """Pixels that neither the fit nor a rig's usual motion leaves unsure."""
+        return max(_LEAST, _CREPT * self.sigma, _USUAL * self.prior)
+
+    @property
     def unsure(self) -> float:
-        """The sinking beyond its standard deviation, mm."""
+        """Standard deviation of the mirror's sinking, mm: what the fit is sure of, of an exact rig beyond the
+        limit alone."""
+        if not self.prior and not self.pixels > self.limit:
+            return 0.0
         return math.sqrt(max(self.sunk**2 - self.sunk_sigma**2, 0.0))
 
 
