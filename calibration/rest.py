@@ -38,5 +38,5 @@ def load_rest(rig: str | Path) -> Correspondence | None:
         return None
     name = section.get("places") if isinstance(section, Mapping) else None
     if not isinstance(name, str):
-        raise InputError(f"{file}: [rest] must name the file places; run `optolever rest`")
+        raise InputError(f"{file}: [rest] must name the file places; run `optolever reconstruct --keep-rest`")
     return Correspondence.load(file.parent / name)

@@ -28,7 +28,7 @@ _GARBAGE = 50_000  # objects between collections: imports make many and no garba
 def app() -> None:
     """Height of a deformable mirror from camera frames of patterns reflected in it.
 
-    The chain is simulate (or capture) -> decode -> reconstruct -> report; demo runs all of it.
+    The chain is simulate (or camera measure) -> decode -> reconstruct -> report; demo runs all of it.
     """
 
 

@@ -100,6 +100,7 @@ class Many(Program):
             return super().invoke(ctx)
         for parameter in self.params:
             output = isinstance(parameter.type, OutputFile) and parameter.name != "out"
+            output |= parameter.name == "keep_rest"
             if output and ctx.params[parameter.name or ""]:
                 text = f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out"
                 raise InputError(text)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -24,7 +24,7 @@ from .show import grid, number, print_notices, progress, table, write_json
 #: Sections of a rig's file that stay as they are, and the reason.
 _UNUSED = {
     "profile": "each capture is decoded with an estimate of its own noise",
-    "rest": "the map was solved with the rig before; run optolever rest again",
+    "rest": "the map was solved with the rig before; run optolever reconstruct --keep-rest again",
 }
 
 SAMPLE = """
@@ -138,6 +138,13 @@ def command(
     print_notices(found.notices)
     print_notices(ol.calibration.unused_accuracy(scene))
     name_unused(name, "calibrate", **_UNUSED)
+    _print(found, numbers)
+    rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
+    table(f"Rig in {out}", rest)
+
+
+def _print(found: "ol.calibration.Calibration", numbers: dict[str, Any]) -> None:
+    """Parameters and captures."""
     rows = [
         (each["name"], quantity(each["value"], "", each["sigma"]), two_digits(each["prior_sigma"]))
         for each in found.parameters
@@ -149,8 +156,6 @@ def command(
     }
     title = "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out"
     grid(title, *ol.experiments.judged_table(judged))
-    rest = {"chi": number(numbers["chi"]), "start": numbers["start"], "time": number(numbers["seconds"], "s")}
-    table(f"Rig in {out}", rest)
 
 
 @dataclass(frozen=True)

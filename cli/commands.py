@@ -9,12 +9,12 @@ import click
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Commands": (
-        *("demo", "start", "doctor", "rig", "show", "simulate", "capture"),
+        *("demo", "start", "doctor", "rig", "show", "simulate"),
         *("decode", "reconstruct", "calibrate", "report", "live", "design"),
     ),
-    "Further commands": ("camera", "form", "export", "sample", "rest", "response", "patterns", "sensor"),
+    "Further commands": ("camera", "form", "export", "sample", "response"),
 }
-CAMERA = ("devices", "preview", "expose", "sync", "record", "replay", "measure")
+CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
 #: Files that are not named as their command.
 MODULES = {"show": "window"}
 

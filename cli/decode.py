@@ -111,15 +111,7 @@ def command(
         if kept is None and save_profile is not None:
             why = f"the frames of {source} contradict their description (see the notices)"
             raise InputError(f"--save-profile {save_profile}: not written, {why}")
-        mirror, decoded = ol.decode.mirror_coverage(result.flags)
-        sigma_u, sigma_v = medians(result.good, result.sigma_u, result.sigma_v)
-        numbers: dict[str, Any] = {
-            "good_share": float(result.good.mean()),
-            "mirror_share": mirror,
-            "mirror_good_share": decoded,
-            "sigma_u_px": sigma_u,
-            "sigma_v_px": sigma_v,
-            "flags": flag_shares(result.flags, ol.decode.Flag),
+        numbers = _numbers(result) | {
             "frames": len(capture),
             "seconds": seconds,
             "faults": [notice.name for notice in found],
@@ -137,10 +129,10 @@ def command(
     figures = {
         "frames": f"{len(capture)} of {rows} x {cols}",
         "good": number(100 * numbers["good_share"], "% of the pixels"),
-        "mirror": coverage_text(mirror, decoded),
+        "mirror": coverage_text(numbers["mirror_share"], numbers["mirror_good_share"]),
     }
     if good := result.good.any():
-        medians_px = {"sigma u": sigma_u, "sigma v": sigma_v}
+        medians_px = {f"sigma {axis}": numbers[f"sigma_{axis}_px"] for axis in "uv"}
         figures |= {name: f"{one:.2g} px (median of the good pixels)" for name, one in medians_px.items()}
     table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
     if not good:
@@ -150,6 +142,19 @@ def command(
         cure = "correct --pixels, --sequence or capture.toml"
         print_notices([f"{source}: no pixel is good" + ("" if said else f"{cause}: {cure}")])
     return 0 if good else 2
+
+
+def _numbers(result: "ol.decode.Correspondence") -> dict[str, Any]:
+    mirror, decoded = ol.decode.mirror_coverage(result.flags)
+    sigma_u, sigma_v = medians(result.good, result.sigma_u, result.sigma_v)
+    return {
+        "good_share": float(result.good.mean()),
+        "mirror_share": mirror,
+        "mirror_good_share": decoded,
+        "sigma_u_px": sigma_u,
+        "sigma_v_px": sigma_v,
+        "flags": flag_shares(result.flags, ol.decode.Flag),
+    }
 
 
 def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":

@@ -67,6 +67,9 @@ CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFil
 CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
 
 
+RANGE = Opt("--range", "Print the measuring range and sensitivity of the scene instead.")
+
+
 @program("design", SAMPLE)
 def command(
     scene_name: SceneName,
@@ -85,6 +88,7 @@ def command(
     seeds: Annotated[int, SEEDS] = 3,
     renderer: Renderer = "auto",
     size: Size = None,
+    measuring: Annotated[bool, RANGE] = False,
     out: Annotated[Path | None, OUT] = None,
     chart: Annotated[Path | None, CHART] = None,
     csv_path: Annotated[Path | None, CSV] = None,
@@ -99,6 +103,9 @@ def command(
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
+
+    With --range: slopes, total reflection, lever, free mode, error bars, medians over the mirror at rest on a
+    thinned camera (error bars: of the full one). Balls: how deep they may press before `live` loses cells.
     """
     from optolever.experiments import design
 
@@ -107,6 +114,9 @@ def command(
     axes = product(lags or (rig.lag,), gammas or (None,), flickers or (None,), blurs or (None,))
     faults, noises = [ol.experiments.Faults(*each) for each in axes], noises or (rig.noise,)
     scene, resized = rig.scene if size is None else ol.scene.resize(rig.scene, *size), size is not None
+    if measuring:
+        _print_range(scene, (*codes, "gray+phase")[0], noises[0], json_path)
+        return
     if codes:
         rows = list[design.Tradeoff]()
         title = f"{scene.name}, {scene.camera.cols} x {scene.camera.rows}, {seeds} draws{rig.known}"
@@ -155,6 +165,13 @@ def command(
         "time": ", ".join(f"{name} {number(value)}" for name, value in found.seconds.items()) + " s",
     }
     table("Choice", choice | ({"written to": str(out)} if out is not None and chosen is not None else {}))
+
+
+def _print_range(scene: "ol.scene.Scene", code: str, noise: float, json_path: Path | None) -> None:
+    """--range."""
+    numbers = ol.experiments.design.sensor_maps(scene, code, noise).numbers()
+    write_json(json_path, {"numbers": numbers, "settings": {"code": code, "noise": noise}})
+    table(f"Sensor {scene.name}", {key: number(value) for key, value in numbers.items()})
 
 
 class _Rig(NamedTuple):

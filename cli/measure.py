@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
+from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
@@ -38,6 +39,8 @@ Measured in press1
 
 
 PROFILE = Rare("--profile NPZ", "Profile of the rig, instead of a new estimate.")
+ONLY = Opt("--frames-only", "Take the capture, into --out itself, and stop.")
+KEEP = Rare("--keep", "Keep the recording of all images, OUT.recording.")
 SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.")
 
 
@@ -53,23 +56,31 @@ def command(
     no_rest: NoRest = False,
     profile: Annotated[Path | None, PROFILE] = None,
     save_profile: Annotated[Path | None, SAVE] = None,
+    frames_only: Annotated[bool, ONLY] = False,
+    keep: Annotated[bool, KEEP] = False,
     json_path: Json = None,
 ) -> None:
     """Take a capture with a rig, or read one; heights and a report.
 
-    The folder --out gets capture/, c.npz, h.npz, report.html and its data.
+    The folder --out gets capture/, c.npz, h.npz, report.html and its data; with --frames-only capture.toml,
+    frames/*.png and acquisition.jsonl. The display shows the frames, and the camera takes the first image of
+    each whose exposure began after the pattern had settled ([sync], else after 0.5 s). The recording of an
+    aborted capture stays in OUT.recording (optolever camera replay).
     """
 
     ol.files.require_new_folder(out)
     scene = ol.scene.load(rig)
     devices = None if captures else ol.projector.devices_of(rig, changes)
+    if frames_only:
+        _take(rig, devices, sequence, out, keep, json_path)
+        return
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")
         folder, taken = captures[0] if captures else out / "capture", None
         if devices is not None:
             record = out.with_name(f"{out.name}.recording")  # beside: a folder that failed can be used again
-            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=False, record=record)
+            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=keep, record=record)
         capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
         step("decode")
         known = None if profile is None else ol.decode.RigProfile.load(profile)
@@ -115,3 +126,30 @@ def command(
         **contact_rows(contacts, scene.layer),
     }
     table(f"Measured in {out}", rows)
+
+
+def _take(
+    rig: Path,
+    devices: "ol.projector.Devices | None",
+    sequence: str,
+    out: Path,
+    keep: bool,
+    json_path: Path | None,
+) -> None:
+    """--frames-only: the capture alone."""
+    if devices is None:
+        raise InputError("--frames-only: takes a new capture; leave DIR out")
+    shown = sequence_of(rig, sequence)
+    with ol.files.together():
+        done = capture_rig(rig, devices, shown, out, keep=keep)
+        write_json(json_path, done.numbers())
+    numbers, (rows, cols) = done.numbers(), done.capture.shape
+    figures = {
+        "camera": devices.camera,
+        "sequence": sequence,
+        "frames": f"{len(shown)} of {rows} x {cols}",
+        "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
+        "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
+        "time": number(done.seconds, "s"),
+    }
+    table(f"Capture in {out}", figures)

@@ -33,6 +33,7 @@ from .show import (
     flag_shares,
     grid,
     height_range,
+    length,
     medians,
     noise_and_rig,
     number,
@@ -78,6 +79,9 @@ GRID = Opt(
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
 CONTACTS = Opt("--contacts", "Look for contacts in open air, too.")
 FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
+KEEP = Opt(
+    "--keep-rest", "The mirror is at rest: keep it with the rig RIG.toml; later heights are those above it."
+)
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
 
@@ -94,6 +98,7 @@ def command(
     find_contacts: Annotated[bool, CONTACTS] = False,
     grids: Annotated[tuple[Path, ...], GRID] = (),
     accept: Annotated[bool, ACCEPT] = False,
+    keep_rest: Annotated[bool, KEEP] = False,
     truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
     size: Size = None,
     pitch: Pitch = None,
@@ -126,9 +131,13 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5); leave it out")
         scene = load_scene(scene_name, size)
+    if keep_rest and (sofast or rest is not None or size is not None or not Path(scene_name).is_file()):
+        raise InputError(
+            f"--keep-rest: {scene_name} must be a rig's TOML (rig new), without --rest, --pixels"
+        )
     if no_rest and rest is not None:
         raise InputError(f"--no-rest: --rest {rest_path} is given; leave one out")
-    known = not (no_rest or sofast) and rest is None and size is None
+    known = not (no_rest or sofast or keep_rest) and rest is None and size is None
     if known and "rest" in sections(scene_name):
         rest = ol.calibration.load_rest(scene_name)
     with progress() as step:
@@ -142,7 +151,7 @@ def command(
             step("contacts")
             slopes = reconstruct.slope_map(height, correspondence, scene, rest)
             height = reconstruct.with_slope_noise(height, slopes)
-            if find_contacts or scene.medium is not None:
+            if find_contacts or keep_rest or scene.medium is not None:
                 height = replace(height, contacts=reconstruct.contacts(height, scene.layer))
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds}
@@ -154,6 +163,8 @@ def command(
         step("write")
         with ol.files.together():
             height.save(out)
+            if keep_rest:
+                _keep_rest(scene_name, correspondence, height)
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
             if regular is not None:
@@ -166,6 +177,21 @@ def command(
         title = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
         grid(title, *budget_rows(numbers["budget_mm"]))
     return 0 if height.good.any() and not height.implausible else 2
+
+
+def _keep_rest(
+    rig: str, correspondence: "ol.decode.Correspondence", height: "ol.reconstruct.HeightMap"
+) -> None:
+    """The mirror at rest, stored with the rig; a notice of its largest dent."""
+    if not height.good.any():
+        raise InputError(
+            f"--keep-rest: no pixel has a height; is the mirror in view, the scene of {rig} right?"
+        )
+    ol.calibration.store_rest(rig, correspondence)
+    for one in (height.contacts or ())[:1]:
+        place = f"a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm"
+        lack = "later heights lack it; capture the mirror untouched, and store it again"
+        print_notices([f"The mirror at rest has {place}: {lack}"])
 
 
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:

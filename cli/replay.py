@@ -77,7 +77,7 @@ def _capture(recording: "ol.projector.Recording", out: Path) -> int:
 
     about, folder = recording.about, recording.folder
     if "sequence" not in about:
-        cure = "must be the recording of a capture (capture --keep)"
+        cure = "must be the recording of a capture (camera measure --keep)"
         raise InputError(f"--out {out}: {folder} has no sequence, {cure}")
     shown = ol.patterns.Sequence.from_dict(about["sequence"], str(folder))
     timing = about.get("timing")

@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
 from .devices import print_monitors
-from .options import Json, pixels
+from .options import Json, pixels, shown_sequence
 from .outputs import OutputFile
 from .show import number, print_notices, table, write_json
 
@@ -25,6 +25,7 @@ Shown on monitor 1
 
 
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
+PICTURES = Opt("--pictures DIR", "Write 000.png, 001.png, ... and capture.toml there; show nothing.")
 MONITOR = Opt("--monitor N|NAME", "Its number or name in --list; default: the second, or the only one.")
 SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
 DESCRIBED = "Gets the description, for decode --description, in a new folder, too; default: capture.toml."
@@ -38,6 +39,7 @@ def command(
     size: Annotated[tuple[int, int] | None, pixels("Size of the pattern; default: the full monitor.")] = None,
     seconds: Annotated[float | None, SECONDS] = None,
     out: Annotated[Path | None, OUT] = None,
+    pictures: Annotated[Path | None, PICTURES] = None,
     listing: Annotated[bool, Opt("--list", "List the monitors and show nothing.")] = False,
     json_path: Json = None,
 ) -> None:
@@ -46,7 +48,13 @@ def command(
     One pattern pixel per screen pixel. The pattern starts in the upper left corner; the rest of the screen is
     black. Take one picture of each frame, in this order. With --seconds, --json gets the start of every
     frame, seconds after the first.
+
+    --pictures needs no display: show the pictures in this order, one pattern pixel per screen pixel, and take
+    a picture of each; then decode these with --description DIR/capture.toml.
     """
+    if pictures is not None:
+        _write(shown_sequence(sequence, size), sequence, pictures, json_path)
+        return
     found = ol.projector.monitors()
     if listing:
         write_json(json_path, {"monitors": [asdict(monitor) for monitor in found]})
@@ -99,3 +107,18 @@ def _chosen(
         most = f"0 to {len(found) - 1}" if len(found) > 1 else "0, the only one"
         raise InputError(f"--monitor {asked}: does not exist, must be {most} (see --list)")
     return found[int(asked)]
+
+
+def _write(shown: "ol.patterns.Sequence", name: str, pictures: Path, json_path: Path | None) -> None:
+    """--pictures: 000.png, 001.png, ... and their description."""
+    with ol.files.together():
+        with ol.files.atomic_folder(pictures) as folder:
+            shown.save_png(folder)
+            ol.projector.write_description(folder / "capture.toml", shown)
+        write_json(json_path, {"sequence": name, "frames": len(shown), "size": shown.shape[1:]})
+    rows = {
+        "sequence": name,
+        "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
+        "description": str(pictures / "capture.toml"),
+    }
+    table(f"Patterns in {pictures}", rows)

@@ -34,7 +34,7 @@ _OTHER = Notice(
 )
 
 
-@checked(sequence=Sequence, response=Response, profile=RigProfile)
+@checked(sequence=Sequence, response=Response)
 def decode(
     frames: ArrayLike,
     sequence: Sequence,

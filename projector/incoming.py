@@ -251,7 +251,7 @@ def _other_count(found: int, shown: Sequence) -> str:
         times = found // len(shown)
         return f"{text}: {times} times as many; keep one picture of each pattern, of one exposure"
     what = f"{abs(found - len(shown))} {'lost' if found < len(shown) else 'too many'}"
-    what += ", or another --sequence or --pixels"
+    what += ", or another sequence or size of the display"
     return f"{text}: {what}; name the pictures by a pattern, such as 'shots/img_*.png'"
 
 

@@ -195,7 +195,7 @@ def _initialise() -> None:
     try:
         if not glfw.init():
             raise InputError(
-                "display: GLFW cannot start (is DISPLAY set?); optolever patterns writes the pictures"
+                "display: GLFW cannot start (is DISPLAY set?); optolever show --pictures writes them"
             )
     except glfw.GLFWError as error:
         raise InputError(

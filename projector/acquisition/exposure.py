@@ -42,7 +42,7 @@ def contrast(white: Pixels, black: Pixels, bits: int) -> Contrast:
     if not mask.any():
         raise InputError(
             f"expose: white is {np.percentile(swing, 99):.1f} levels of {top} above black; does the camera "
-            "see the display? is it in focus on the mirror, is the lens open? (optolever camera preview)"
+            "see the display? is it in focus on the mirror, is the lens open? (optolever start --from aim)"
         )
     return Contrast(
         saturated=float((white >= top).mean()),

@@ -149,7 +149,7 @@ def of_another_rig(measured: Measurement, scene: Scene) -> Judged | None:
     few = strided(scene, max(1, min(seen.u.shape) // _LINES))
     if not np.isfinite(flat_mirror(few)).any():
         words = "By the scene's numbers no pixel sees the pattern in a flat mirror"
-        return Judged("rest rig", math.nan, math.nan, words, "correct them (optolever sensor draws them)")
+        return Judged("rest rig", math.nan, math.nan, words, "correct them (optolever design --range)")
     if measured.rest is None and (scene.accuracy is None or scene.open_air):
         return None
     errors, _, names = _rest_errors(seen, scene, robust=measured.rest is None)

@@ -52,7 +52,7 @@ def test_from_captures_to_heights_with_modes(
     modes = HeightMap.load(tmp_path / "h.npz").calibration
     assert modes is not None
     assert len(modes) == len(scene.covariance.root)
-    optolever("rest", folder / "flat0.npz", "--scene", out, "--anchor", "75,55,0")
+    optolever("reconstruct", folder / "flat0.npz", *solve, "--keep-rest")
     for words, against in (((), True), (("--no-rest",), False)):
         optolever("reconstruct", folder / "flat1.npz", *solve, *words)
         assert HeightMap.load(tmp_path / "h.npz").against_rest == against

@@ -35,12 +35,15 @@ show --monitor 99
 rig new --kind prism --out {out}.toml | --mirror is missing | mm
 rig new --kind prism --diagonal nan --out {out}.toml | --diagonal | 'nan' is not a finite number
 rig new --kind prism --display-distance 3 --out {out}.toml | --display-distance | --kind is prism
-patterns export {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
+reconstruct {c} {c} --scene {scene} --keep-rest --out {out} | --keep-rest: is of one capture, not of 2
+reconstruct {c} --scene {scene} --rest {c} --keep-rest --out {out}.npz | --keep-rest | without --rest
+show --pictures {out} | --pixels is missing
+show --pictures {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
 reconstruct {h} {scene} --out {out}.npz | field 'u' is missing | it is a height map
 form {c} | field 'x' is missing | it is a correspondence | decode
 form {h} --profile 900,0,900,9 | meets no height | must lie in x
 report {h} --rest {c} --out {out} | needs --correspondence and --scene
-rest {c} --scene prism48 | prism48: no such file | rig new
+reconstruct {c} --scene prism48 --keep-rest --out {out}.npz | prism48 | rig new
 camera measure --rig prism48 --out {out} | prism48: no such file | rig new
 camera expose --rig prism48 | prism48: no such file | rig new
 report {h} --capture {out}/none --out {out} | none | no such folder
@@ -68,9 +71,9 @@ calibrate {scene} flat={c} --without a --out {out}.toml | no such capture
 calibrate {scene} flat={c} flat={c} --out {out}.toml | taken twice
 calibrate --rig {rig} | targets of a prism are missing
 calibrate rest=r.npz | Missing option '--scene'
-capture --rig {rig} --set camera= --out {out} | camera is missing; give --set camera=
-capture --rig {rig} --set speed=3 --out {out} | unknown field 'speed'
-capture --rig {rig} --set trigger=soon --out {out} | trigger is 'soon'
+camera measure --rig {rig} --set camera= --out {out} | camera is missing; give --set camera=
+camera measure --rig {rig} --set speed=3 --out {out} | unknown field 'speed'
+camera measure --rig {rig} --set trigger=soon --out {out} | trigger is 'soon'
 reconstruct {c} --scene {comma} --out {out}.npz | comma.toml | index = 1,41 | with a point
 reconstruct {c} --scene {empty} --out {out}.npz | empty.toml | mirror is missing | rig new
 reconstruct {c} --scene {twice} --out {out}.npz | twice.toml | Cannot declare

@@ -105,7 +105,8 @@ def test_all_outputs_or_none(refused: Refused, chain: Chain, tmp_path: Path) -> 
     assert stat.S_ISCHR(full.stat().st_mode)
     assert not list(folder.iterdir())
     (folder / "rig.toml").write_bytes((chain.capture / "scene.toml").read_bytes())
-    args = ["rest", chain.correspondence, "--scene", folder / "rig.toml", "--json", full]
+    rest = ["reconstruct", chain.correspondence, "--keep-rest", "--scene", folder / "rig.toml"]
+    args = [*rest, "--out", folder / "h.npz", "--json", full]
     refused(args, full, "The disk is full", folder=folder)
 
 

@@ -1,9 +1,7 @@
-"""`optolever camera preview`: lines on the terminal, and the page's answers."""
+"""The step of `optolever start` that aims: the page's answers, the display as a sheet."""
 
 import json
-import re
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,34 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever.cli import run
 from optolever.cli.start_page import PageFront
 from optolever.cli.views import Sheet, View
 from optolever.projector import aim
-from optolever.scene import load, resize
 
 from .chromium import asked
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Path:
-    file = tmp_path / "rig.toml"
-    resize(load("prism48"), 48, 64).save(file)
-    file.write_text(file.read_text() + '\n[devices]\ncamera = "virtual"\n')
-    return file
-
-
-def test_lines_and_figures_of_a_virtual_rig(
-    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "p.json"
-    words = ["camera", "preview", "--rig", str(rig), "--text", "--seconds", "0.3"]
-    assert run([*words, "--json", str(out)]) == 0
-    line = r"sees the display 1?\d\d %; saturated 0 %; sharpness \d+ % of its best"
-    assert re.search(line, capsys.readouterr().out)
-    found = json.loads(out.read_text())
-    assert found["sees_share"] > 0.9
-    assert found["good"]
 
 
 @pytest.fixture
@@ -51,7 +26,7 @@ def view() -> View:
 
 
 def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View) -> None:
-    with PageFront({"aim": "Aim"}, 0, "optolever camera preview") as page:
+    with PageFront({"aim": "Aim"}, 0, "optolever start") as page:
         before = json.loads(asked(page.address, "/state?after=-1")[1])
         assert before["form"] is None
         seen = list[dict[str, Any]]()
@@ -69,7 +44,7 @@ def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View)
         blue, green, red = cv2.imdecode(jpeg, cv2.IMREAD_COLOR).astype(float).transpose(2, 0, 1)
         assert (red - blue)[55:65, 25:35].min() > 100
         assert (green - red)[30:90, 78:82].max() > 60
-        title = b"<title>optolever camera preview"
+        title = b"<title>optolever start"
         for path, kind in (("/", title), ("/start.js", b"use strict"), ("/start.css", b"color")):
             status, text = asked(page.address, path)
             assert (status, kind in text) == (200, True)

@@ -20,12 +20,10 @@ from optolever.cli.commands import CAMERA, SECTIONS
 from .conftest import Program
 
 COMMANDS = [name for names in SECTIONS.values() for name in names]
-CALLS = [name for name in COMMANDS if name not in ("camera", "rig", "patterns")] + [
-    f"camera {name}" for name in CAMERA
-]
+CALLS = [name for name in COMMANDS if name not in ("camera", "rig")] + [f"camera {name}" for name in CAMERA]
 
 
-@pytest.mark.parametrize("command", [*CALLS, "rig new", "patterns export"])
+@pytest.mark.parametrize("command", [*CALLS, "rig new"])
 def test_help_has_synopsis_options_and_a_sample_with_output(command: str, optolever: Program) -> None:
     shown = optolever(*command.split(), "--help").out
     assert f"Usage: optolever {command}" in shown

@@ -42,7 +42,8 @@ def sensor_frames(rig: Path, **words: Any) -> np.ndarray:
 
 
 def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_path: Path) -> None:
-    optolever("capture", "--rig", rig, "--out", tmp_path / "c", "--json", tmp_path / "n.json")
+    take = ("camera", "measure", "--frames-only", "--rig", rig)
+    optolever(*take, "--out", tmp_path / "c", "--json", tmp_path / "n.json")
     done = Capture.load(tmp_path / "c")
     np.testing.assert_array_equal(done.frames, sensor_frames(rig))
     lines = [json.loads(line) for line in (tmp_path / "c" / "acquisition.jsonl").read_text().splitlines()]
@@ -50,12 +51,10 @@ def test_a_rig_captures_what_its_camera_sees(optolever: Program, rig: Path, tmp_
     assert all(line["stamp_s"] >= line["swapped_s"] for line in lines)
     assert json.loads((tmp_path / "n.json").read_text())["repeats"] == 0
     assert not (tmp_path / "c.recording").exists()
-    optolever(
-        "capture", "--rig", rig, "--set", f"camera=folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep"
-    )
+    optolever(*take, "--set", f"camera=folder:{tmp_path / 'c'}", "--out", tmp_path / "d", "--keep")
     np.testing.assert_array_equal(Capture.load(tmp_path / "d").frames, done.frames)
     replayed = ("--set", f"camera=replay:{tmp_path / 'd.recording'}")
-    optolever("capture", "--rig", rig, *replayed, "--out", tmp_path / "f")
+    optolever(*take, *replayed, "--out", tmp_path / "f")
     np.testing.assert_array_equal(Capture.load(tmp_path / "f").frames, done.frames)
 
 
@@ -82,7 +81,7 @@ def test_measure_goes_to_the_report(
 def test_measure_doubts_a_response_that_the_frames_contradict(
     optolever: Program, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A linear display that is said to have a gamma of 2.2, as `decode --response` and `rest` doubt it."""
+    """A linear display that is said to have a gamma of 2.2, as `decode --response` doubts it."""
     levels = np.arange(0.0, 256.0)
     wrong = Response(levels, 255 * (levels / 255) ** 2.2 + 1e-3 * levels)
     monkeypatch.setattr("optolever.cli.measure.response_of", lambda _: wrong)

@@ -160,9 +160,9 @@ def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     assert len(list((tmp_path / "capture/frames").glob("*.png"))) == found["rows"][0]["frames"]
 
 
-def test_sensor_writes_its_numbers(tmp_path: Path) -> None:
+def test_range_writes_its_numbers(tmp_path: Path) -> None:
     numbers = tmp_path / "sensor.json"
-    assert run(["sensor", *SMALL, "--json", str(numbers)]) == 0
+    assert run(["design", "--range", *SMALL, "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_text())["numbers"]
     assert found["reflection_margin_deg"] == pytest.approx(48 - math.degrees(math.asin(1 / 1.41)), abs=0.01)
 

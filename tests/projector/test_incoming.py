@@ -177,7 +177,7 @@ def test_a_picture_saved_twice_and_a_counter_that_began_again(tmp_path: Path) ->
     [
         (COUNT - 1, (f"{COUNT - 1} pictures", f"has {COUNT} frames", "1 lost")),
         (2 * COUNT, ("2 times as many", "of one exposure")),
-        (COUNT + 3, ("3 too many", "another --sequence or --pixels")),
+        (COUNT + 3, ("3 too many", "another sequence or size")),
     ],
 )
 def test_another_number_of_pictures_says_what_would_have_it(
