@@ -8,7 +8,6 @@ import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.records import default_style
 
 from .arguments import ABOVE_0, Opt, program, sample
 from .options import Json
@@ -109,14 +108,16 @@ def visible_share(rig: "ol.scene.Scene") -> float:
     return float(ol.scene.trace(few, ol.scene.dent("flat", few)).visible.mean())
 
 
-@default_style()
 def draw_rig(rig: "ol.scene.Scene", out: Path) -> None:
     """The rig from the side, as a picture."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-    rig.plot(figure.add_subplot())
-    figure.savefig(out)
+    from optolever.records import default_style
+
+    with default_style():
+        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+        rig.plot(figure.add_subplot())
+        figure.savefig(out)
 
 
 def _asked(question: Question, kind: str, default: str = "") -> Any:

@@ -155,4 +155,4 @@ def user_candidate(text: str, rows: int, cols: int, *, resized: bool = False) ->
 def _halves(text: str) -> tuple[str, str]:
     """PATTERN and MODULE:FUNCTION; a path may hold an @, too."""
     pattern, _, decoder = text.rpartition("@")
-    return (pattern, decoder) if re.fullmatch(r"[\w.]+:\w+", decoder) else (text, "")
+    return (pattern, decoder) if pattern and re.fullmatch(r"[\w.]+:\w+", decoder) else (text, "")
