@@ -11,6 +11,7 @@
 | `noise`      | variance of a camera level, from lit pixels                                              |
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |
+| `rims`       | places beside unlit pixels, behind a lens                                                |
 | `order`      | wrong frames, by the decoder's score                                                     |
 | `contradiction` | bits and fringes that contradict each other, and the cause                            |
 | `causes`     | why few pixels are good                                                                  |
@@ -20,7 +21,8 @@
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.001 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
-A pixel's answer depends on its samples, its neighbourhood of 7 x 7 and the camera's noise.
+A pixel's answer depends on its samples, its neighbourhood of 7 x 7 (beside unlit pixels of those of
+11 x 11) and the camera's noise.
 """
 
 from .coverage import mirror_coverage

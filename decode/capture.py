@@ -29,6 +29,7 @@ from .pixels import AxisTable, Maps, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled
 from .records import Correspondence, Flag
+from .rims import beyond_rims
 
 __all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
 
@@ -486,6 +487,7 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
 
     cuts = np.unique(np.linspace(0, rows, min(threads(), max(rows // 32, 1)) + 1).astype(int)).tolist()
     over_blocks(work, cuts)
+    beyond_rims(result, amplitude, float(ready.limits[:, 6].min()))
     none = np.full((rows, cols), np.nan, np.float32), np.full((rows, cols), np.inf, np.float32)
     found = {axis.axis: (coordinate[a], sigma[a]) for a, axis in enumerate(ready.axes)}
     (u, sigma_u), (v, sigma_v) = found.get("u", none), found.get("v", none)

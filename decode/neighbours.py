@@ -13,7 +13,7 @@ pixels the place is that of the lit part of the aperture, at the display's borde
     block    place, variance, amplitude (A, n, W); chi2, flags (n, W): rows of the result and HALO more on
              either side; image (2,): first of them that is a row of the image, and the one behind the last
     dof      degrees of freedom of chi2, 0: it says nothing
-    limits   (A, 6) float32, rows of axis_limits()
+    limits   (A, 7) float32, rows of axis_limits()
     result   coordinate, sigma (A, H, W), flags (H, W) of the whole image, written from row `start` on
 
 Axes without frames have no row in A. Flagged pixels may have any place and variance that is finite, and so
@@ -34,17 +34,9 @@ from .plan import AxisPlan
 from .records import Flag
 
 __all__ = [
-    "BLURRED",
-    "EITHER",
-    "HALO",
-    "SETTLE",
-    "Beside",
-    "Block",
-    "Result",
-    "axis_limits",
-    "neighbours",
-    "settle",
-]
+    "BLURRED", "EITHER", "HALO", "SETTLE", "Beside", "Block", "Mask", "Result", "axis_limits",
+    "neighbours", "settle",
+]  # fmt: skip
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -96,7 +88,7 @@ class Result(NamedTuple):
 
 
 def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = True) -> F32:
-    """Numbers (6,) of an axis, by which the kernel takes them:
+    """Numbers (7,) of an axis, by which the kernel takes them:
 
     jump      second difference of neighbours that contradicts them, px: a quarter period, two cells
     extent    of the display, px; infinite: no border
@@ -104,6 +96,7 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     aperture  half the second moment of a camera pixel and its lens, px^2 of the camera; 0: places are cells
     unsure    half of its uncertainty
     fine      1: places within a cell, by fringes or a look-up
+    rim       reach of the lens beside unlit pixels, px of the camera: half a pixel and three rms blurs
     """
     fine = axis.code is None or bool(axis.fringes)
     if axis.fringes:
@@ -116,7 +109,8 @@ def axis_limits(axis: AxisPlan, lens_px: float | None = None, on_cells: bool = T
     bordered = on_cells and fine
     border = 1 / 12 + _BLUR**2 if bordered else 0.0
     extent = float(axis.extent) if bordered else np.inf
-    return np.array([jump, extent, border, aperture, unsure, fine], np.float32)
+    rim = 0.5 + 3 * (_SOFT if lens_px is None else lens_px) if fine else 0.0
+    return np.array([jump, extent, border, aperture, unsure, fine, rim], np.float32)
 
 
 def settle(block: Block, periods: F32, look_ups: Sequence[Beside | None]) -> Block:
