@@ -51,7 +51,7 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     |---|---|
     | gray, binary, long-run-gray | axes='uv', inverses=True, cell=1.0, references=True |
     | phase | axes='uv', steps=4, periods or counts (default: three periods, from 9/8 of the surface to 16) |
-    | gray+phase | axes='uv', steps=4, period=8.0, inverses=False |
+    | gray+phase | axes='uv', steps=4, period=8.0, inverses=False, cells='start' |
     | micro-phase | axes='uv', period=16.0, periods (default: five more, to a third longer) |
     | stripe | axes='uv', step=4.0, width (default: two steps) |
     | lattice | period=25.0, width (default: a fifth of the period), references=False |
@@ -59,7 +59,9 @@ def sequence(name: str, rows: int, cols: int, **params: Any) -> Sequence:
     | ramp | count=18 |
 
     axes: 'uv' (both, in turns), 'u' or 'v'; inverses: each bit is followed by its inverse; references: white
-    and black come first; steps: shifts of every fringe; counts: fringes on each axis, in place of periods.
+    and black come first; steps: shifts of every fringe; counts: fringes on each axis, in place of periods;
+    cells: Gray cells of half a period from the surface's 'start' on, or from 'half' a period before it
+    (complementary Gray code: only the finest bit has edges where the phase is 0).
     InputError for an unknown name or parameter, or a value out of range.
 
     >>> sequence("phase", rows=480, cols=640, steps=3, periods=(64, 16)).shape
@@ -156,12 +158,13 @@ def _in_turns(axes: list[list[Frames]], span: int = 1) -> Frames:
     return tuple(shown)
 
 
-def _code(kind: str, axis: str, extent: int, inverses: bool, cell: float) -> list[Frames]:
-    """Bits, most significant first, each with its inverse if asked for."""
-    kinds = (False, True) if inverses else (False,)
+def _code(kind: str, axis: str, extent: int, inverses: bool, cell: float, before: float = 0) -> list[Frames]:
+    """Bits, most significant first, each with its inverse if asked for, of cells that begin so much before
+    the surface."""
+    kinds, offset = (False, True) if inverses else (False,), -before if before else None
     return [
-        tuple(Frame(kind, axis, bit=bit, inverted=inverted, cell_px=cell) for inverted in kinds)
-        for bit in reversed(range(bits_for(math.ceil(extent / cell))))
+        tuple(Frame(kind, axis, bit=bit, inverted=one, cell_px=cell, offset_px=offset) for one in kinds)
+        for bit in reversed(range(bits_for(math.ceil((extent + before) / cell))))
     ]
 
 
@@ -236,7 +239,14 @@ def _numbers(value: float | Iterable[float]) -> list[float]:
 
 
 def _gray_phase(
-    rows: int, cols: int, *, axes: str = "uv", steps: int = 4, period: float = 8.0, inverses: bool = False
+    rows: int,
+    cols: int,
+    *,
+    axes: str = "uv",
+    steps: int = 4,
+    period: float = 8.0,
+    inverses: bool = False,
+    cells: str = "start",
 ) -> Frames:
     """White, black, Gray bits of cells of half a period, then one fringe per axis.
 
@@ -249,8 +259,11 @@ def _gray_phase(
     or b = 1.5, the noise error is 0.0076 px for 1 level of 255 against 0.0144 px at 16 px, and with 4 steps
     the rounding of the levels to 8 bits cancels by symmetry.
     """
+    if cells not in ("start", "half"):
+        raise InputError(f"cells is {cells!r}, must be 'start' or 'half'")
+    before = period / 2 if cells == "half" else 0.0
     shown = [
-        _code("gray", axis, extent, inverses, period / 2) + _fringes(axis, period, steps)
+        _code("gray", axis, extent, inverses, period / 2, before) + _fringes(axis, period, steps)
         for axis, extent in _extents(rows, cols, axes)
     ]
     return _REFERENCES + _in_turns(shown, _span(steps))

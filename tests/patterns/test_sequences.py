@@ -128,6 +128,20 @@ def test_text_form() -> None:
     assert not any(frame.inverted for frame in sequence_from_text("gray:inverses=false", 8, 8).frames)
 
 
+def test_complementary_gray() -> None:
+    """Coarse bits number the periods from wrap to wrap, the finest one has its edges amid them."""
+    shown = sequence_from_text("gray+phase:cells=half,period=10,axes=u", 20, 63)
+    bits = {
+        frame.bit: shown.render()[i, 0] > 127 for i, frame in enumerate(shown.frames) if frame.kind == "gray"
+    }
+    period = (np.arange(63) + 5) // 10
+    for bit, bright in bits.items():
+        if bit:
+            np.testing.assert_array_equal(bright, (period ^ period >> 1) >> (bit - 1) & 1)
+    np.testing.assert_array_equal(np.flatnonzero(np.diff(bits[0].astype(int))), np.arange(9, 63, 10))
+    assert max(bits) == 3
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -147,6 +161,7 @@ def test_text_form() -> None:
         ("ramp:count=100000000", "count is 100000000"),
         ("gray:inverses=0.5", "inverses is 0.5"),
         ("gray+phase:period=-8", "period is -8"),
+        ("gray+phase:cells=whole", "cells is 'whole', must be 'start' or 'half'"),
         ("gray:inverses=false,references=false", "both false"),
     ],
 )

@@ -46,6 +46,15 @@ def test_clean_captures(code: str) -> None:
     assert np.sum(heights > limits["heights_often"]) <= 1
 
 
+def test_complementary_gray() -> None:
+    """As good as with cells that begin with the surface."""
+    found, other = verdict(0, "gray+phase:cells=half"), verdict(0, "gray+phase")
+    assert found.good >= other.good - 0.005
+    assert found.places <= CLEAN["places_pooled"]
+    assert found.place_ratio == pytest.approx(other.place_ratio, rel=0.05)
+    assert not found.told
+
+
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("lens", [".4 px, not told", "lens .4 px", "no lens", "lens .2 px", "lens .7 px"])
 def test_light_that_changes_over_a_pixel(lens: str) -> None:
