@@ -146,7 +146,15 @@ def measure_misfit(fringe: Fringe, sample: Sample, noise: Noise) -> Misfit:
     rest = float(np.median((residual - terms @ model) ** 2 / variance)) / _MEDIAN
     if plain < _WORTH * max(rest, 1.0):
         return Misfit(max(plain, 1.0), nothing)
-    return Misfit(max(rest, 1.0), terms)
+    return Misfit(max(rest, 1.0), terms, _aliasing(fringe, terms))
+
+
+def _aliasing(fringe: Fringe, terms: F64) -> float:
+    """Variance (cycles^2) of the phase by harmonic N - 1 of a compressive curve, which no residual of N steps
+    has: (a_2 / a_1)^(N - 2) of the amplitude. A curve of growing slope (gamma) has a_2 > 0 and hardly any."""
+    seen = fringe.unlike @ np.stack([np.cos(2 * fringe.shifts), np.sin(2 * fringe.shifts)], axis=1)
+    ratio = float(np.sum(seen * terms[:, 5:7])) / max(float(np.sum(seen**2)), 1e-9)
+    return min(ratio, 0.0) ** (2 * len(fringe.index) - 4) / 2 / (2 * np.pi) ** 2
 
 
 def bent(fringe: Fringe, response: Response, blur: float, misfit: Misfit) -> Misfit:
