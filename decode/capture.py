@@ -177,8 +177,7 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
         found = effect.correct(view)
         if found is None:
             continue
-        rows = () if found.effect is None else (found.effect,)
-        profile = profile._replace(effects=(*profile.effects, *rows), shared=found.shared)
+        profile = profile._replace(effects=profile.effects + found.effects, shared=found.shared)
         if found.matrix is not None:
             matrix = found.matrix.astype(np.float32)
             view, profile = viewed(profile, *(replace(s, levels=matrix @ s.levels) for s in (sample, wide)))
@@ -231,11 +230,17 @@ _CURES = {
 
 def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
     """Motion; else what costs a factor of 1.5 in sigma or more, its largest part by name."""
-    nan = float("nan")
+    nan, fringes = float("nan"), [axis for axis in axes if axis.fringes]
     for effect in profile.effects:
         if effect.name == "motion":
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
             cure = "sigma includes it; hold the mirror still, or show fewer frames"
+            return (Notice(name, nan, nan, cure),)
+        if effect.name == "lag" and any(not one.code and len(one.fringes[-1].index) == 3 for one in fringes):
+            name = (
+                f"a lag of {100 * effect.value:.2g} % is corrected; three steps hide what earlier frames left"
+            )
+            cure = "heights may err by more than sigma; show four steps, or wait longer before each picture"
             return (Notice(name, nan, nan, cure),)
     worst, cause = 1.0, ""
     for axis, own in zip(axes, profile.axes, strict=True):
@@ -307,8 +312,8 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     """The decoder of a profile."""
     p = plan(sequence)
     axes, own, f32 = p.axes, profile.axes, np.float32
-    slow = next((effect for effect in profile.effects if effect.name == "lag"), None)
-    matrix = None if slow is None else lag.matrix(slow, len(sequence))
+    some = any(effect.name == "lag" for effect in profile.effects)
+    matrix = lag.matrix(profile.effects, len(sequence)) if some else None
     tables = tuple(
         AxisTable(
             fringe_table(axis.fringes, own[k].misfits, matrix),

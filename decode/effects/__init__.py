@@ -31,11 +31,11 @@ class Effect(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Of one effect: its row of the profile, None without; variance of the places, px^2, (A,) axes of the
+    """Of one effect: its rows of the profile; variance of the places, px^2, (A,) axes of the
     plan or () all of them; matrix (N, N): levels corrected = matrix @ levels, which the decoder folds into
     the weights of the fringes; noise that pixels have in common."""
 
-    effect: Effect | None
+    effects: tuple[Effect, ...]
     variance: F64 = np.zeros(())
     matrix: F64 | None = None
     shared: SharedNoise | None = None

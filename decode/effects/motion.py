@@ -51,7 +51,7 @@ def correct(view: View) -> Correction | None:
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
             found = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
-            best = Correction(found, np.array((rate * (len(view.plan.frames) - 1)) ** 2 / 3))
+            best = Correction((found,), np.array((rate * (len(view.plan.frames) - 1)) ** 2 / 3))
     return best
 
 

@@ -39,7 +39,7 @@ def correct(view: View) -> Correction | None:
     rows, cols, _ = np.minimum(shares["u"], shares["v"]).tolist()
     frames = shares["u"][2], shares["v"][2]
     found = SharedNoise(rows, cols, *frames, turns["u"], turns["v"], view.lens, view.lens)
-    return Correction(None, shared=found) if max(*found[:4], view.lens) > 0 else None
+    return Correction((), shared=found) if max(*found[:4], view.lens) > 0 else None
 
 
 def _shares(plan: Plan, number: int, sample: Sample) -> tuple[float, float, float]:

@@ -66,6 +66,18 @@ def test_light_that_changes_over_a_pixel(lens: str) -> None:
     assert 0.6 <= found.height_ratio <= limits["ratio"][lens]
 
 
+@pytest.mark.daily(2)
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.1])
+@pytest.mark.parametrize("code", ["phase:steps=3", "gray+phase:steps=3", "phase:steps=3,periods=9/10/11"])
+def test_lag_in_three_steps(code: str, share: float) -> None:
+    """Found between periods, or in bits: it was 7 and 9 of the heights' sigma. What a ladder does not show of
+    it is said."""
+    found = run(0, code, World(lag=share))
+    assert found.heights <= 0.01
+    assert found.height_ratio < 1.3
+    assert any("a lag of" in text for text in found.told) == (share > 0 and not code.startswith("gray"))
+
+
 def test_a_cameras_tone_curve() -> None:
     """x / (x + .3) on six captures' mean of 16 bits, whose noise hides nothing: harmonics that four steps
     take for the phase were 2.0 of sigma."""
