@@ -7,11 +7,11 @@ therefore
     z' = c m + sum over motions of  a M  + sum over contacts of  A / q + (B dx + C dy + D) / q^3
 
 (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42; of a layer its Green's function in place of 1 / q) by least
-squares over the good cells outside f radii of every contact, weighted by area and noise, a = 0 +- 1.
-With weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. f is 2, 2.5, 3
-or 4. Where dents fade, as on a layer of unknown thickness, powers of q and exponentials take the place of the
-sum, and c is 0 +- 2.5 noises, 6 where the rig may move, and what the dents reach at the anchors. Both count
-by their likelihood outside 2 radii, where they differ most: what this does not decide is in sigma.
+squares over the good cells outside two radii of every contact, weighted by area and noise, a = 0 +- 1. With
+weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. Where dents fade, as
+on a layer of unknown thickness, powers of q and exponentials take the place of the sum, and c is 0 +- 2.5
+noises, 6 where the rig may move, and what the dents reach at the anchors. Both count by their likelihood:
+what this does not decide is in sigma.
 """
 
 import math
@@ -29,11 +29,10 @@ from .pressure import BONDED, bonded
 from .regions import COLUMNS, Region, areas, regions
 from .surface import LoadFit, Surface
 
-__all__ = ["far_field", "load_fit"]
+__all__ = ["far_field", "fit", "load_fit"]
 
-_FAR = (2.0, 2.5, 3.0, 4.0)  # radii of a contact
-_APART = 3.0  # standard deviations between such fits
-_WORSE, _MUCH = 1.1, 1.5  # residual of a fit over others, above which it misses what these see
+_FAR = 2.0  # radii of a contact
+_MUCH = 1.5  # residual of a fit over the best one's, above which it misses what this sees
 _ROUNDS = 3  # of regions in the map less its sag
 _FEWEST = 200  # cells outside the contacts
 _MOST = 6000  # cells of the fit
@@ -72,8 +71,8 @@ class _Cells(NamedTuple):
 
 
 class _Outside(NamedTuple):
-    """Cells (n,) far from the contacts; times the root of their weight own (n, k + 1): the motion's modes and
-    the free one, right (n,): heights, errors (n, m): the rig's; sinks: whether there is a free mode; depth:
+    """Cells (n,) far from the contacts; times the root of their weight own (k + 1, n): the motion's modes and
+    the free one, right (n,): heights, errors (m, n): the rig's; sinks: whether there is a free mode; depth:
     of the deepest contact."""
 
     x: Floats
@@ -87,17 +86,38 @@ class _Outside(NamedTuple):
     depth: float
 
 
-class _Fit(NamedTuple):
-    """Of `fields` in number, motion and the free mode: found (terms, 1 + m) of heights and errors, rho: rms
-    residual, unit: standard deviation of what a cell says."""
+class Fit(NamedTuple):
+    """Of fields (t, n) in observations (k, n): found (t, k): amplitudes; inverse (t, t): covariance at unit
+    noise; rho: norm of what the first observation leaves."""
 
-    weighted: Floats
-    upper: Floats
-    prior: Floats
     found: Floats
+    inverse: Floats
     rho: float
+
+
+class _Load(NamedTuple):
+    """A fit of `fields` in number, motion and the free mode (t, n); unit: standard deviation of what a cell
+    says; prior (t,): over the amplitudes' standard deviations."""
+
+    fit: Fit
+    every: Floats
+    prior: Floats
     unit: float
     fields: int
+
+
+def fit(fields: Floats, observation: Floats, prior: Floats) -> Fit:
+    """Least squares of fields (t, n) to observations (k, n), which their noise weighs to one; prior (t,):
+    one over the amplitudes' standard deviations about zero."""
+    terms = len(fields)
+    triangle = np.asarray(np.linalg.qr(np.concatenate([fields, observation]).T, mode="r"))
+    whole = np.vstack([triangle[:, :terms], np.diag(prior)])
+    scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+    u, sizes, turned = np.linalg.svd(whole / scale, full_matrices=False)
+    kept = sizes > np.finfo(np.float64).eps * max(fields.shape) * sizes.max(initial=0.0)
+    half = turned.T / np.where(kept, sizes, np.inf) / scale[:, None]
+    found = half @ (u[: len(triangle)].T @ triangle[:, terms:])
+    return Fit(found, half @ half.T, float(np.linalg.norm(observation[0] - found[:, 0] @ fields)))
 
 
 def load_fit(surface: Surface, layer: Layer | None, solid: bool = True) -> LoadFit | None:
@@ -111,55 +131,24 @@ def load_fit(surface: Surface, layer: Layer | None, solid: bool = True) -> LoadF
         less = thin.less(replace(taken, rig=taken.rig[:, :0], kept=taken.kept[:0, :0]))
         return regions(less, COLUMNS // 2)
 
-    start = _robust(cells) if cells.z.size and (len(cells.motion) or cells.free.any()) else None
-    first = regions(thin) if start is None else regions_less(start)
+    robust = surface.anchors is None and (len(cells.motion) > 0 or cells.free.any())
+    start = _robust(cells) if cells.z.size and robust else None
+    within = regions(thin) if start is None else regions_less(start)
     if start is not None:
         left = cells.z - start.motion @ cells.motion - start.c * cells.free
         away = left / (_OUTLIER * start.misfit * max(cells.noise, 1e-300))
         # where no motion is what modes say
         cells = cells._replace(weight=cells.weight / (1 + away**2), depth=float(left.max()))
-    fits, new = list[LoadFit](), None
-    odds: Sequence[float] | None = None
-    for far in _FAR:
-        # each from the robust fit: a contact that one distance loses is not lost to the others
-        found, within, before = None, first, None
-        for rounds_left in reversed(range(_ROUNDS)):
-            circles = [circle for one in within for circle in one.circles]
-            if circles == before:
-                break
-            (found, new), before = _explained(cells, circles, layer, solid, far, odds), circles
-            if found is None:
-                break
-            within = regions_less(found) if rounds_left else within
-        odds = new if odds is None else odds
-        if found is not None:
-            fits.append(found)
-        if not within:  # no radius to be far from
+    found, before = None, None
+    for rounds_left in reversed(range(_ROUNDS)):
+        circles = [circle for one in within for circle in one.circles]
+        if circles == before:
             break
-    found = _nearest(cells, fits)
+        found, before = _explained(cells, circles, layer, solid), circles
+        if found is None:
+            return None
+        within = regions_less(found) if rounds_left else within
     return None if found is None else replace(found, kept=_kept(found))
-
-
-def _nearest(cells: _Cells, fits: list[LoadFit]) -> LoadFit | None:
-    """The fit nearest to the contacts that those farther away agree with (O. V. Lepskii, Theory Probab. Appl.
-    35:454, 1991): in what is taken off, and in what is left."""
-    fields = np.concatenate([cells.motion, cells.free[None]])
-    taken = [np.append(one.motion, one.c) @ fields for one in fits]
-    sizes = [rms(one.root.T @ fields) * math.sqrt(len(fields)) for one in fits]
-    for k, one in enumerate(fits):
-        others = range(k + 1, len(fits))
-        if all(
-            rms(taken[k] - taken[n]) < _APART * math.hypot(sizes[k], sizes[n])
-            and max(one.misfit, 1.0) < _WORSE * max(fits[n].misfit, 1.0)
-            for n in others
-        ):
-            break
-    else:
-        return None
-    if not others and k:  # none farther away confirms it
-        wider = math.hypot(1.0, rms(taken[k] - taken[k - 1]) / max(sizes[k], 1e-300))
-        one = replace(one, sigma=one.sigma * wider, root=one.root * wider, noise=one.noise / wider**2)
-    return one
 
 
 def _kept(found: LoadFit) -> Floats:
@@ -229,44 +218,35 @@ def _robust(cells: _Cells) -> LoadFit:
     return LoadFit(float(mean[-1]), 0.0, misfit, 0.0, mean[:-1], root, rig, kept, unknown)
 
 
-def _explained(
-    cells: _Cells,
-    circles: Sequence[Circle],
-    layer: Layer | None,
-    solid: bool,
-    far: float,
-    odds: Sequence[float] | None,
-) -> tuple[LoadFit | None, Sequence[float] | None]:
-    """By cells outside so many radii of the contacts, the mean of a load on the half-space or layer and of a
-    dent that fades, by their odds, and these (None: by these cells); where both miss what is there, contacts
-    of any round far field."""
-    outside = _outside(cells, circles, far)
+def _explained(cells: _Cells, circles: Sequence[Circle], layer: Layer | None, solid: bool) -> LoadFit | None:
+    """The mean of a load on the half-space or layer and of a dent that fades, by their odds; where both miss
+    what is there, contacts of any round far field."""
+    outside = _outside(cells, circles)
     if outside is None:
-        return None, odds
-    faded, free = _sinks(cells, circles), bool(cells.free.any())
+        return None
+    faded = _sinks(cells, circles)
     kinds: list[tuple[_Fields, float]] = [
         (partial(far_field, layer), math.inf),
         (_fading, faded),
         (_round, max(_SINKS * cells.depth, faded)),
     ]
-    kinds = kinds if free else kinds[:2]
+    kinds = kinds if outside.sinks else kinds[:2]
     fits = [_fitted(outside, fields(circles, outside.x, outside.y), sinks) for fields, sinks in kinds]
     load, fades, either = fits[0], fits[1], fits[-1]
-    best = min((one.rho for one in fits if one is not None), default=0.0)
-    if odds is None:
-        odds = [solid * _likelihood(load, best), _likelihood(fades, best)]
+    best = min((one.fit.rho for one in fits if one is not None), default=0.0)
+    odds = (solid * _likelihood(load, best), _likelihood(fades, best))
     likely = [(share, one) for share, one in zip(odds, (load, fades), strict=True) if one and share > 0]
     if not likely:
-        return (_as_sag(outside, either) if either else None), odds
-    return _mean([_as_sag(outside, one) for _, one in likely], np.array([share for share, _ in likely])), odds
+        return _as_load_fit(outside, either) if either else None
+    return _mean([_as_load_fit(outside, one) for _, one in likely], np.array([share for share, _ in likely]))
 
 
-def _likelihood(fit: _Fit | None, best: float) -> float:
+def _likelihood(load: _Load | None, best: float) -> float:
     """Of a fit, as if the best one left noise, and of its motion; 0 if it misses what the best one sees."""
-    if fit is None or fit.rho > _MUCH * best:
+    if load is None or load.fit.rho > _MUCH * best:
         return 0.0
-    motion = fit.found[fit.fields : -1, 0]
-    power = _INDEPENDENT * ((fit.rho / max(best, 1e-300)) ** 2 - 1) + motion @ motion
+    motion = load.fit.found[load.fields : -1, 0]
+    power = _INDEPENDENT * ((load.fit.rho / max(best, 1e-300)) ** 2 - 1) + motion @ motion
     return math.exp(-0.5 * power)
 
 
@@ -315,68 +295,58 @@ def _round(circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
     return np.reshape(columns, (-1, *np.shape(x)))
 
 
-def _outside(cells: _Cells, circles: Sequence[Circle], far: float) -> _Outside | None:
-    """The cells outside so many radii of the contacts; None of too few."""
+def _outside(cells: _Cells, circles: Sequence[Circle]) -> _Outside | None:
+    """The cells outside two radii of the contacts; None of too few."""
     out = np.ones(cells.z.size, np.bool_)
     for cx, cy, radius in circles:
-        out &= np.hypot(cells.x - cx, cells.y - cy) > far * radius
+        out &= np.hypot(cells.x - cx, cells.y - cy) > _FAR * radius
     if np.count_nonzero(out) < _FEWEST:
         return None
     x, y, z, sigma, weight = (part[out] for part in cells[:5])
     noise, root = math.sqrt(float(weight @ sigma**2 / weight.sum())), np.sqrt(weight / weight.sum())
-    own = (np.concatenate([cells.motion[:, out], cells.free[None, out]]) * root).T
+    own = np.concatenate([cells.motion[:, out], cells.free[None, out]]) * root
     return _Outside(
-        x, y, root, noise, own, z * root, (cells.rig[:, out] * root).T, bool(cells.free.any()), cells.depth
+        x, y, root, noise, own, z * root, cells.rig[:, out] * root, bool(cells.free.any()), cells.depth
     )
 
 
-def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Fit | None:
+def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Load | None:
     """With these fields (t, n); sinks: standard deviation of c that is expected, mm."""
-    noise, fewer = outside.noise, len(fields)
-    weighted = np.concatenate([fields * outside.root, outside.own.T]).T
-    terms, motions = weighted.shape[1], slice(fewer, weighted.shape[1] - 1)
-    # the triangle of all equations: fits of as many as there are terms
-    every = np.concatenate([weighted.T, outside.right[None], outside.errors.T]).T
-    triangle = np.asarray(np.linalg.qr(every, mode="r"))
-    if not np.isfinite(triangle).all():
+    every = np.concatenate([fields * outside.root, outside.own])
+    seen = np.concatenate([outside.right[None], outside.errors])
+    if not (np.isfinite(every).all() and np.isfinite(seen).all()):
         return None  # of a damaged map
-    upper, lost = triangle[:terms, :terms], abs(float(triangle[terms, terms]))
-    size = np.linalg.norm(upper, axis=0)
-    prior = np.where(size > 0, _TAILS * size, 1.0)
-    unit = noise / math.sqrt(_INDEPENDENT)
-    aims = np.zeros((2 * terms, triangle.shape[1] - terms))
-    aims[:terms] = triangle[:terms, terms:]
-    rounding = np.finfo(np.float64).eps * len(weighted)
-    for _ in range(2):  # the residual weighs the motion's prior
-        prior[:fewer] = np.hypot(_TAILS * size[:fewer], unit / max(_AMPLITUDE * outside.depth, 1e-300))
-        prior[motions] = np.hypot(_TAILS * size[motions], unit)
-        prior[-1] = math.hypot(_TAILS * size[-1] if size[-1] > 0 else 1.0, unit / sinks)
-        whole = np.vstack([upper, np.diag(prior)])
-        found = np.linalg.lstsq(whole, aims, rcond=rounding)[0]
-        rho = math.hypot(lost, float(np.linalg.norm(aims[:terms, 0] - upper @ found[:, 0])))
-        unit = math.sqrt(max(rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
-    return _Fit(weighted, upper, prior, found, rho, unit, fewer)
+    noise, fewer = outside.noise, len(fields)
+    size, unit = np.linalg.norm(every, axis=1), noise / math.sqrt(_INDEPENDENT)
+    for _ in range(2):  # the residual weighs the prior
+        aimed = np.full(len(every), unit)
+        aimed[:fewer] /= max(_AMPLITUDE * outside.depth, 1e-300)
+        aimed[-1] /= sinks
+        prior = np.hypot(np.where(size > 0, _TAILS * size, 1.0), aimed)
+        found = fit(every, seen, prior)
+        unit = math.sqrt(max(found.rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
+    return _Load(found, every, prior, unit, fewer)
 
 
-def _as_sag(outside: _Outside, fit: _Fit) -> LoadFit:
+def _as_load_fit(outside: _Outside, load: _Load) -> LoadFit:
     """The fit with its covariance, and the part of the rig's errors that it takes."""
-    weighted, upper, prior, found, rho, unit, fewer = fit
-    noise, scale = outside.noise, np.hypot(np.linalg.norm(upper, axis=0), prior)
-    normal = (upper.T @ upper + np.diag(prior**2)) / np.multiply.outer(scale, scale)
-    inverse = (np.linalg.inv(normal) / np.multiply.outer(scale, scale))[fewer:]
-    if not outside.sinks:
-        inverse[-1], inverse[:, -1] = 0.0, 0.0
-    covariance = unit**2 * inverse[:, fewer:]
-    values, vectors = np.linalg.eigh(covariance)
-    deviation = float(np.sqrt(covariance[-1, -1]))
+    (found, inverse, rho), every, prior, unit, fewer = load
+    noise, own = outside.noise, np.s_[fewer:]
+    covariance, seen = unit**2 * inverse, inverse - (inverse * prior**2) @ inverse
+    for each in (covariance, seen):
+        if not outside.sinks:
+            each[-1], each[:, -1] = 0.0, 0.0
+    values, vectors = np.linalg.eigh(covariance[own, own])
     half = vectors * np.sqrt(np.maximum(values, 0.0))
-    gain = np.linalg.pinv(half, rcond=1e-6) @ inverse @ upper.T
-    by_noise = noise**2 / _INDEPENDENT * gain @ gain.T
-    left = np.linalg.norm(outside.errors - weighted @ found[:, 1:], axis=1)
+    turn = np.linalg.pinv(half, rcond=1e-6)
+    left = np.linalg.norm(outside.errors - found[:, 1:].T @ every, axis=0)
     known = math.hypot(noise, float(np.median(left / np.maximum(outside.root, 1e-300))))
-    return LoadFit(
-        *(float(found[-1, 0]), deviation, rho / max(noise, 1e-300), rho / max(known, 1e-300)),
-        *(found[fewer:-1, 0], half, found[fewer:, 1:]),
-        kept=np.eye(outside.errors.shape[1]),
-        noise=by_noise,
+    by_noise = noise**2 / _INDEPENDENT * turn @ seen[own, own] @ turn.T
+    fitted = (
+        float(found[-1, 0]),
+        math.sqrt(covariance[-1, -1]),
+        rho / max(noise, 1e-300),
+        rho / max(known, 1e-300),
     )
+    kept = np.eye(len(outside.errors))
+    return LoadFit(*fitted, found[fewer:-1, 0], half, found[fewer:, 1:], kept, by_noise)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optolever.contact import far_field
+from optolever.contact import far_field, fit
 from optolever.scene import Layer
 
 from .arrays import Cells, Float, Mask
@@ -130,30 +130,28 @@ def fitted(
     the displacement of a cell, and what of it a fit of all cells keeps, turns^2."""
     circles, depths = [circle for circle, _ in contacts], [depth for _, depth in contacts]
     use = _outside(creep, good, circles)
-    columns = [*creep.shapes[:, :, use], *_loads(creep, layer, circles, use)]
-    matrix = np.stack([one.ravel() for one in columns], axis=1)
+    parts = np.concatenate([creep.shapes[:, :, use], _loads(creep, layer, circles, use)])
+    columns = parts.reshape(len(parts), -1)
     right = offset[:, *creep.at][:, use].astype(np.float64).ravel()
     variance, kept = (float(part) for part in noise)
     prior = np.append(np.zeros(3), _inverse_priors(layer, circles, depths))
     weights, rests = np.ones(right.size), list[float]()
     for _ in range(_REWEIGHTED if circles else 1):
-        normal = (matrix.T * weights) @ matrix / kept + np.diag(prior**2)
-        scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-30))
-        inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-        found = inverse @ (matrix.T @ (weights * right)) / kept
-        squares = np.square(right - matrix @ found)
-        rests.append(float(np.average(squares, weights=weights)) if right.size else math.inf)
+        root = np.sqrt(weights / kept)
+        found, inverse, left = fit(columns * root, (right * root)[None], prior)
+        squares = np.square(right - found[:, 0] @ columns)
+        rests.append(left**2 * kept / float(weights.sum()) if right.size else math.inf)
         if not _EXCESS * variance < (rest := rests[-1] / (_KEPT if rests[1:] else 1.0)) < math.inf:
             break
         weights = np.tile(1 / (1 + squares.reshape(2, -1).mean(axis=0) / (4 * variance)), 2)
     excess = max(rest - _EXCESS * variance, 0.0) / kept * right.size / _INDEPENDENT
-    moves = np.zeros((4, matrix.shape[1]))
+    moves = np.zeros((4, len(columns)))
     moves[:3, :3] = np.eye(3)
     moves[3, 3:] = _terms(layer, circles, creep.anchor[0], creep.anchor[1]) @ creep.anchor[2]
     values, vectors = np.linalg.eigh(moves @ inverse @ moves.T)
-    root, parts = vectors * np.sqrt(np.maximum(values, 0)), moves @ found
+    root, amounts = vectors * np.sqrt(np.maximum(values, 0)), moves @ found[:, 0]
     misfit, growth = math.sqrt(rests[0] / variance), max(1.0, math.sqrt(excess))
-    return Deviation(parts.astype(np.float32), root.astype(np.float32), misfit, growth)
+    return Deviation(amounts.astype(np.float32), root.astype(np.float32), misfit, growth)
 
 
 def _outside(creep: RigMotion, good: Mask, circles: Sequence[Circle]) -> Mask:
