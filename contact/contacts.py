@@ -294,9 +294,9 @@ def _depth(dent: _Dent, reach: float) -> tuple[float, float, float, float]:
         beside = (before, after)
         if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] and dent.known[r, c] for r, c in beside):
             low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
-            if min(low, high) > 0:  # the parabola through three cells; a cone ends that much higher
+            if min(low, high) > 0:  # the parabola through three cells; a cone ends higher by so much, rms
                 tip_rise += (high - low) ** 2 / (8 * (low + high))
-                tip = max(tip, 0.125 * (low + high))
+                tip = max(tip, 0.25 * (low + high))
     hole = _hole_at(dent)
     beyond = reach * _outward(dent) if reach else 0.0
     if hole.any():  # at most a cone that continues the slope toward it

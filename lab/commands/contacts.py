@@ -1,5 +1,6 @@
 """`python -m lab contacts`: contacts on rigs that are not as typed."""
 
+from pathlib import Path
 from typing import Annotated
 
 import click
@@ -26,22 +27,35 @@ all       10       10     0    0.7    0.7    0.6
 def command(
     rigs: Annotated[int, Opt("--rigs N", "Number of them.", click.IntRange(1))] = 45,
     seed: Seed = 2,
+    elastic: Annotated[
+        bool, Opt("--elastic", "Force, depth and thickness of elastic contacts instead, by kinds.")
+    ] = False,
+    drawn: Annotated[bool, Opt("--drawn", "Of these: on rigs drawn from the priors, not as typed.")] = False,
     json_path: Json = None,
 ) -> None:
     """Press two to five fingers on rigs drawn from the priors, and compare contacts with the truth.
 
-    Depth, area and position against a rest capture, in units of their total sigma.
+    Depth, area and position against a rest capture, in units of their total sigma. With --elastic: one
+    contact of each kind a rig; medians of relative errors and sigmas, rms and largest ratio of both.
     """
-    from ..figures.contacts import KINDS, Compared, contact_figures, coverage
+    from ..figures.contacts import (
+        KINDS,
+        Compared,
+        contact_figures,
+        coverage,
+    )
 
-    drawn: list[Compared] = []
+    if elastic:
+        _elastic(rigs, seed, drawn, json_path)
+        return
+    every: list[Compared] = []
     with progress() as step:
         for number, part in enumerate(contact_figures(rigs, seed)):
             step("rigs", number, rigs)
-            drawn += part
+            every += part
     table = {}
     for kind in (*KINDS, "all"):
-        some = [each for each in drawn if kind in (each.finger.kind, "all")]
+        some = [each for each in every if kind in (each.finger.kind, "all")]
         table[kind] = coverage(some)
     names = ("fingers", "found", "cut", "depth", "area", "position")
     rows = [
@@ -49,3 +63,21 @@ def command(
     ]
     grid("Share of errors within one total sigma", ("kind", *names), rows)
     write_json(json_path, {"seed": seed, "rigs": rigs, "coverage": table})
+
+
+def _elastic(rigs: int, seed: int, drawn: bool, json_path: Path | None) -> None:
+    from ..figures.elastic import ELASTIC, elastic_figures, elastic_scores
+
+    scores = {}
+    with progress() as step:
+        for number, kind in enumerate(ELASTIC):
+            step("kinds", number, len(ELASTIC))
+            scores[kind] = elastic_scores(list(elastic_figures(kind, rigs, seed, drawn)))
+    parts = [f"{name} {part}" for name in ("force", "depth") for part in ("off", "told", "ratio", "worst")]
+    names = ["contacts", "found", *parts, "layers", "thickness off"]
+    rows = [
+        [kind, *(f"{row[name]:.3g}" if name in row else "-" for name in names)]
+        for kind, row in scores.items()
+    ]
+    grid("Errors over the truth, and over sigma", ("kind", *names), rows)
+    write_json(json_path, {"seed": seed, "rigs": rigs, "drawn": drawn, "elastic": scores})

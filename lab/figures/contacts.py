@@ -27,7 +27,10 @@ from optolever.scene import (
     trace,
 )
 
-__all__ = ["KINDS", "Compared", "Finger", "contact_figures", "coverage", "drawn_press", "press"]
+__all__ = [
+    "KINDS", "Compared", "Finger", "captured", "changed", "contact_figures", "coverage", "drawn_press",
+    "press",
+]  # fmt: skip
 
 KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
@@ -132,15 +135,15 @@ def press(scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest
     """Height of fingers on a rig drawn from the priors of a typed scene; at_rest: against a rest capture."""
     covariance = rig_covariance(scene)
     assert covariance is not None
-    changed = _changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
-    truth = _moved(changed, *(_GAUGE * rng.standard_normal(3)))
+    true = changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
+    truth = _moved(true, *(_GAUGE * rng.standard_normal(3)))
     noise = float(rng.uniform(0.01, 0.02))
-    rest = _captured(truth, dent("flat", scene), noise, rng) if at_rest else None
-    seen = _captured(truth, surface_of(fingers, scene), noise, rng)
+    rest = captured(truth, dent("flat", scene), noise, rng) if at_rest else None
+    seen = captured(truth, surface_of(fingers, scene), noise, rng)
     return reconstruct(seen, scene, rest=rest)
 
 
-def _changed(scene: Scene, change: Floats) -> Scene:
+def changed(scene: Scene, change: Floats) -> Scene:
     """The scene, exact, with the numbers of its covariance changed."""
     covariance, own = rig_covariance(scene), parameter_values(scene)
     assert covariance is not None
@@ -195,7 +198,8 @@ def _moved(scene: Scene, along: float, across: float, turn: float) -> Scene:
     )
 
 
-def _captured(scene: Scene, surface: Surface, noise: float, rng: np.random.Generator) -> Correspondence:
+def captured(scene: Scene, surface: Surface, noise: float, rng: np.random.Generator) -> Correspondence:
+    """Where the pixels look, with noise."""
     exact = exact_correspondence(trace(scene, surface), noise)
     u, v = (part + noise * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
     return replace(exact, u=u, v=v)
