@@ -200,7 +200,8 @@ def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask)
     by_place = shift @ at + np.einsum("krc,arc->ka", grown, arms)
     area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
     doubt = _doubtful(dent)
-    inward = _HALF * tip * float(dent.growth.sum())  # half of a higher tip lies farther inside
+    higher = tip + depth - float(dent.z[dent.peak])
+    inward = _HALF * higher * float(dent.growth.sum())  # half of a higher tip lies farther inside
     radius, radius_sigma = _indenter(dent, depth)
     own = float(np.linalg.norm(modes[:, *dent.peak]))
     return Contact(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from optolever.contact import Region, Surface, contacts, regions
+from optolever.contact import Contact, Region, Surface, contacts, regions
 from optolever.errors import InputError
 from optolever.kernels import plain
 
@@ -81,7 +81,7 @@ class Live:
         verdict = judge(figures, self._faded, steep and not pressing, _share(dusty, rig.lit), strays)
         found = contacts(surface, pressing, prepared.layer) if verdict.trusted else ()
         least = _RESOLVED * rig.carriers.spread * math.sqrt(prepared.area)
-        touches = self._touches.named([replace(one, hole=one.hole or one.radius < least) for one in found])
+        touches = self._touches.named([_bounded(one, one.radius < least) for one in found])
         # far from rest the fit's first order makes dents of its own
         free = not pressing or (not verdict.trusted and alone < UNEXPLAINED)
         error, still = np.float32(prepared.error or 0.0), max(prepared.edge, abs(figures.sinking))
@@ -173,6 +173,11 @@ def _same(before: list[_Found], after: list[_Found]) -> bool:
     return len(before) == len(after) and all(
         math.dist(one[0], other[0]) < _SAME * other[0][2] for one, other in zip(before, after, strict=True)
     )
+
+
+def _bounded(one: Contact, narrow: bool) -> Contact:
+    """One that the window does not resolve is at least so deep."""
+    return replace(one, hole=one.hole or narrow, depth_at_least=one.depth_at_least or narrow)
 
 
 def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
