@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
+from optolever.kernels import compiled_beside
 
 from .arguments import Opt, program
 from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
@@ -27,6 +28,11 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
 """
 
 
+#: By another process, while this one simulates and compiles the decoder's pixels.
+_COMPILED = {
+    "optolever.decode": "optolever.decode:compile_neighbours",
+    "optolever.reconstruct": "optolever.experiments:compile_heights",
+}
 OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder("report.html", "figures.csv"))
 
 
@@ -54,9 +60,16 @@ def command(
     """
     scene = load_scene(scene_name, size, exact=True)
     pressed = dent or scene.dent or "flat"
-    with progress() as step:
+    with compiled_beside(_COMPILED) as wait, progress() as step:
+
+        def stage(name: str, *numbers: int) -> None:
+            if wait is not None and name == "reconstruct":
+                step("compile kernels (once)")
+                wait()
+            step(name, *numbers)
+
         result = ol.experiments.run_demo(
-            scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=step
+            scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=stage
         )
         step("report")
         with ol.files.together():

@@ -25,6 +25,7 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 (beside unli
 11 x 11) and the camera's noise.
 """
 
+from .capture import compile_neighbours
 from .coverage import mirror_coverage
 from .decoder import Decoder, decode, estimate_profile
 from .effects import Effect
@@ -34,5 +35,5 @@ from .records import Correspondence, Flag, SharedNoise
 
 __all__ = [
     "Correspondence", "Decoder", "Effect", "Flag", "Response", "RigProfile", "Settings", "SharedNoise",
-    "decode", "estimate_profile", "mirror_coverage",
+    "compile_neighbours", "decode", "estimate_profile", "mirror_coverage",
 ]  # fmt: skip

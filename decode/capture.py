@@ -31,7 +31,7 @@ from .profile import AxisProfile, Estimates, Sampled
 from .records import Correspondence, Flag
 from .rims import beyond_rims
 
-__all__ = ["Prepared", "applied", "estimated", "holds", "prepared"]
+__all__ = ["Prepared", "applied", "compile_neighbours", "estimated", "holds", "prepared"]
 
 Mask = NDArray[np.bool_] | None
 #: Runs of the sample, times as many of one for look-ups, motion and noise in common; fewest pixels for an
@@ -500,6 +500,14 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     return Correspondence(
         u, v, sigma_u, sigma_v, flags, amplitude, offset, error, profile.notices, profile.shared
     )
+
+
+def compile_neighbours() -> None:
+    """Compile the kernels of neighbours, which are the same for all frames: while another process compiles
+    those of pixels."""
+    nothing = np.zeros((1, 1, 8), np.float32)
+    limits, result = np.ones((1, 6), np.float32), Result(nothing, nothing, np.zeros((1, 8), np.uint16))
+    neighbours(_block(1, 2 * HALO + 1, 8), (0, 2 * HALO + 1), 1, limits, 0, result)
 
 
 def _block(axes: int, rows: int, cols: int) -> Block:

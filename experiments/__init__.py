@@ -16,7 +16,7 @@
 | `images.py` | figures and images as PNG |
 """
 
-from .demo import DemoResult, run_demo
+from .demo import DemoResult, compile_heights, run_demo
 from .faults import Faults
 from .height_report import write_demo_report, write_measurement_report
 from .measurement import Measurement
@@ -25,6 +25,7 @@ from .rig_report import judged_table, write_rig_report
 from .sample import SAMPLES, write_sample
 
 __all__ = [
-    "SAMPLES", "DemoResult", "Faults", "Measurement", "height_metrics", "judged_table",
-    "run_demo", "write_demo_report", "write_measurement_report", "write_rig_report", "write_sample",
+    "SAMPLES", "DemoResult", "Faults", "Measurement", "compile_heights", "height_metrics",
+    "judged_table", "run_demo", "write_demo_report", "write_measurement_report", "write_rig_report",
+    "write_sample",
 ]  # fmt: skip

@@ -4,13 +4,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from optolever.decode import Correspondence, decode
+import numpy as np
+
+from optolever.decode import Correspondence, Flag, decode
 from optolever.patterns import Sequence, sequence_from_text
 from optolever.projector import Capture, capture, chosen_renderer
 from optolever.reconstruct import Contact, HeightMap, reconstruct
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
+from .measurement import Measurement, Study
 from .metrics import height_metrics
 from .timing import Stages, peak_bytes
 
@@ -51,6 +54,16 @@ class DemoResult:
         stages = {name: each for name, each in self.seconds.items() if name not in ("report", "total")}
         stages["report"] = seconds
         return replace(self, seconds=stages | {"total": sum(stages.values())}, peak_bytes=peak_bytes())
+
+
+def compile_heights() -> None:
+    """Compile the kernels of heights and their page by a small map, while another process has none yet."""
+    scene = resize(load("prism48", exact=True), 48, 64)
+    truth = trace(scene, dent_from_text("gaussian:peak=0.1", scene))
+    u, v = (place.astype(np.float32) for place in (truth.u, truth.v))
+    sigma, flags = np.full_like(u, 0.01), np.where(truth.visible, 0, Flag.OFF_PATTERN).astype(np.uint16)
+    where = Correspondence(u, v, sigma, sigma, flags)
+    Study.of(Measurement(reconstruct(where, scene), where, scene=scene))
 
 
 def run_demo(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from optolever.kernels import kernel
+from optolever.kernels import allocates, kernel
 
 from .arrays import Cells, Frame, Mask
 from .chord import Linearised, chord_step
@@ -226,6 +226,7 @@ def _anchored(rig: Rig, good: Mask) -> Mask:
 
 
 @kernel
+@allocates
 def _compressions(gradient, offset):  # type: ignore[no-untyped-def]
     """Jacobian of the map (R, C) over that at rest; 1 at the ends."""
     ratio, half = np.ones(offset.shape[1:], np.float32), _f4(0.5)

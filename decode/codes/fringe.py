@@ -324,29 +324,23 @@ def _refit(
     det = m00 * i00 + m01 * i01 + m02 * i02
     if not det > fringe.least[k]:
         return False
-    waves, off = np.zeros(_TERMS), np.zeros(len(terms))
-    o, c, s, amplitude = 0.0, 0.0, 0.0, 0.0
-    for _ in range(_REFITS):
+    o, c, s, amplitude, h1, g1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for step in range(_REFITS):
+        h2, g2 = h1 * h1 - g1 * g1, 2 * h1 * g1
+        h3, g3 = h2 * h1 - g2 * g1, g2 * h1 + h2 * g1
         b0, b1, b2 = 0.0, 0.0, 0.0
         for i in range(n):
             if raw[index[i], y, x] < clip:
                 level = np.float64(level_of(raw[index[i], y, x], table))
-                for j in range(len(terms)):
-                    level -= off[j] * rows[3 + j, i]
+                for j in range(len(terms) if step else 0):
+                    t = terms[j]
+                    wave = t[2] + t[3] * h1 + t[4] * g1 + t[5] * h2 + t[6] * g2 + t[7] * h3 + t[8] * g3
+                    level -= (t[0] + t[1] * o + amplitude * wave) * rows[3 + j, i]
                 b0, b1, b2 = b0 + design[i, 0] * level, b1 + design[i, 1] * level, b2 + design[i, 2] * level
         o, c = (i00 * b0 + i01 * b1 + i02 * b2) / det, (i01 * b0 + i11 * b1 + i12 * b2) / det
         s = (i02 * b0 + i12 * b1 + i22 * b2) / det
-        amplitude, turn = np.hypot(c, s), np.arctan2(s, c)
-        waves[0], waves[1], waves[2] = 1.0, o, amplitude
-        for h in range(3):
-            waves[3 + 2 * h], waves[4 + 2 * h] = (
-                amplitude * np.cos((h + 1) * turn),
-                amplitude * np.sin((h + 1) * turn),
-            )
-        for j in range(len(terms)):
-            off[j] = 0.0
-            for t in range(_TERMS):
-                off[j] += terms[j, t] * waves[t]
+        amplitude = np.hypot(c, s)
+        h1, g1 = c / max(amplitude, 1e-30), s / max(amplitude, 1e-30)
     power = max(c * c + s * s, 1e-6)
     across = (i11 * s * s - 2 * i12 * c * s + i22 * c * c) / det
     own = noise[0] + noise[1] * max(o, 0.0)

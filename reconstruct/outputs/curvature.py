@@ -13,7 +13,7 @@ import numpy as np
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
-from optolever.kernels import exact
+from optolever.kernels import allocates, exact
 from optolever.records import Comparable
 
 from ..arrays import Floats
@@ -70,6 +70,7 @@ def curvature_map(slopes: SlopeMap, reach: int = 2) -> CurvatureMap:
 
 
 @exact
+@allocates
 def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):
