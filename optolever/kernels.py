@@ -112,8 +112,9 @@ def compiled_beside(calls: Mapping[str, str]) -> Iterator[Callable[[], Any] | No
         yield None
         return
     text = "import sys\nfrom pkgutil import resolve_name\nfor name in sys.argv[1:]: resolve_name(name)()"
-    nowhere = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    process = subprocess.Popen([sys.executable, "-c", text, *left], env=os.environ | SAFE_PATH, **nowhere)
+    no = subprocess.DEVNULL
+    program = [sys.executable, "-c", text, *left]
+    process = subprocess.Popen(program, stdin=no, stdout=no, stderr=no, env=os.environ | SAFE_PATH)
     try:
         yield process.wait
     finally:
