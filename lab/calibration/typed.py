@@ -56,7 +56,8 @@ class _Drawn:
 @dataclass(frozen=True, slots=True)
 class TypedRun:
     """One capture. Of its good heights: medians of error and total sigma (mm), rms of error over total sigma,
-    share beyond five total sigma; noticed: there is a notice; refused: no height is trusted."""
+    share beyond five total sigma; limits: of its tests; named: the ones that fail; refused: no height is
+    trusted."""
 
     kind: str
     scene: str
@@ -67,13 +68,14 @@ class TypedRun:
     sigma: float
     ratio: float
     beyond: float
-    noticed: bool
+    limits: dict[str, float]
+    named: tuple[str, ...]
     refused: bool
 
     @property
     def silent(self) -> bool:
         """More than 1 % of the heights beyond five total sigma, without a notice."""
-        return self.beyond > _SILENT and not self.noticed
+        return self.beyond > _SILENT and not self.named
 
 
 def _numbers(*keys: str) -> Callable[[Scene, Rng], _Drawn]:
@@ -148,11 +150,12 @@ def _runs(kind: str, typed: Scene, seed: int, rng: Rng, times: float) -> Iterato
         try:
             height = reconstruct(pressed, typed, anchor=_anchor(typed, z), rest=rest_capture)
         except InputError:  # an anchor that the camera does not see
-            yield TypedRun(kind, typed.name, seed, against, 0.0, nan, nan, nan, 0.0, True, True)
+            yield TypedRun(kind, typed.name, seed, against, 0.0, nan, nan, nan, 0.0, {}, ("refused",), True)
             continue
         good = height.good & np.isfinite(z)
         if not good.any():
-            yield TypedRun(kind, typed.name, seed, against, 0.0, nan, nan, nan, 0.0, True, True)
+            named = tuple(test.test for test in height.tests if test.fails)
+            yield TypedRun(kind, typed.name, seed, against, 0.0, nan, nan, nan, 0.0, {}, named, True)
             continue
         error, sigma = np.abs(height.z - z)[good], height.total_sigma[good]
         share = error / sigma
@@ -166,7 +169,8 @@ def _runs(kind: str, typed: Scene, seed: int, rng: Rng, times: float) -> Iterato
             sigma=float(np.median(sigma)),
             ratio=float(np.sqrt(np.mean(share**2))),
             beyond=float(np.mean(share > 5)),
-            noticed=bool(height.notices),
+            limits={test.test: test.limit for test in height.tests},
+            named=tuple(test.test for test in height.tests if test.fails),
             refused=height.implausible,
         )
 

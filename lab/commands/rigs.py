@@ -63,7 +63,7 @@ def command(
                 f"{np.nanmedian(ratios):.2f}",
                 f"{np.nanmax(ratios):.2f}",
                 f"{max(run.beyond for run in some):.2%}",
-                str(sum(run.noticed for run in some)),
+                str(sum(bool(run.named) for run in some)),
                 str(sum(run.refused for run in some)),
                 str(sum(run.silent for run in some)),
             )

@@ -30,8 +30,10 @@ def false_alarms(rows: Iterable[Row]) -> list[tuple[str, ...]]:
 
 
 def misses(rows: Iterable[Row]) -> list[tuple[str, ...]]:
-    """Cells of every kind of fault: the tests that name it, wrong captures and the missed ones."""
-    return [(row.part, row.kind, row.test, str(row.wrong), str(row.missed)) for row in rows if row.wrong]
+    """Cells of every kind of fault: the tests that name it, wrong captures and the missed ones; of right
+    kinds where some results are wrong, too."""
+    shown = (row for row in rows if row.wrong or (row.test != "any" and not row.right))
+    return [(row.part, row.kind, row.test, str(row.wrong), str(row.missed)) for row in shown]
 
 
 def _limit(some: Sequence[Row]) -> str:

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import pytest
+
+from lab.judgements import heights
 from lab.judgements.record import Row
 from lab.judgements.tables import false_alarms, misses, with_section
 
@@ -27,3 +30,16 @@ def test_the_section_replaces_itself_and_nothing_else(tmp_path: Path) -> None:
         assert text.count("| heights | camera moved | moved, motion | 3 | 1 |") == 1
         assert text.startswith("# Benchmarks\n\n## Judgements\n")
         assert text.endswith("\n## Further\n\nlast\n")
+
+
+SMALL = ("untouched", "ball", "camera pose", "press and rest exchanged", "u reversed")
+
+
+@pytest.mark.parametrize("kinds", [SMALL, pytest.param(None, marks=pytest.mark.slow)])
+def test_right_maps_are_named_by_no_test_and_wrong_ones_are(kinds: tuple[str, ...] | None) -> None:
+    found = heights.rows(2, kinds)
+    assert sum(row.right for row in found) > 30
+    assert [row for row in found if row.false_alarms] == []
+    wrong = [row for row in found if row.wrong]
+    assert len(wrong) >= 2
+    assert [row for row in wrong if row.missed] == []

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import HeightMap, contacts, reconstruct
+from optolever.reconstruct import HeightFlag, HeightMap, contacts, reconstruct
 from optolever.scene import load
 
 CASES = Path(__file__).parents[3] / "shared" / "cases" / "t4"
-LOST = CASES.parent / "t5" / "contact_lost"
+LOST, SIXTH = CASES.parent / "t5" / "contact_lost", CASES.parent / "t6"
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="../shared/cases/t4 is absent")
 
 
@@ -89,3 +89,34 @@ def test_schlieren_within_the_typed_accuracy_stay() -> None:
     assert any("--rest" in notice.cure for notice in height.notices)
     exact = reconstruct(seen, replace(scene, accuracy=None))
     assert total_um(height) > 10 * total_um(exact)
+
+
+def places(name: str, u: str, v: str, seen: str) -> Correspondence:
+    arrays = np.load(SIXTH / name / "places.npz")
+    sigma, flags = np.full(arrays[u].shape, 0.004), np.where(arrays[seen], 0, int(Flag.OFF_PATTERN))
+    return Correspondence(
+        arrays[u].astype(float), arrays[v].astype(float), sigma, sigma.copy(), flags.astype(np.uint16)
+    )
+
+
+@pytest.mark.skipif(not SIXTH.is_dir(), reason="../shared/cases/t6 is absent")
+def test_a_still_rig_has_not_moved() -> None:
+    """The dent's own slopes were taken for motion."""
+    name, seen = "moved_as_a_whole", "seen"
+    press, rest = places(name, "u", "v", seen), places(name, "rest_u", "rest_v", "rest_seen")
+    height = reconstruct(press, load(SIXTH / name / "rig.toml"), rest=rest)
+    assert height.notices == ()
+    truth = np.load(SIXTH / name / "places.npz")["z"].astype(float)
+    assert ratio(height, truth) < 1.3
+
+
+@pytest.mark.skipif(not SIXTH.is_dir(), reason="../shared/cases/t6 is absent")
+def test_a_last_step_far_below_sigma_flags_nothing() -> None:
+    """272 of the 296 cells of a contact were flagged for .7 nm at a sigma of 6 um."""
+    name = "contact_not_converged"
+    press, rest = places(name, "u", "v", "vis"), places(name, "ru", "rv", "vis0")
+    height = reconstruct(press, load(SIXTH / name / "rig.toml"), rest=rest)
+    assert height.diagnostics.converged
+    assert not np.any(height.flags & np.uint16(HeightFlag.NOT_CONVERGED))
+    (found,) = contacts(height)
+    assert abs(found.depth - 0.217) < 2 * found.depth_sigma < 0.04
