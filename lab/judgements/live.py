@@ -33,7 +33,7 @@ TESTS = {
     "converged": "converge",
     "circulation": "slopes contradict",
     "steep": "too steep",
-    "blur": "loss of contrast",
+    "blur": "; loss of contrast",
     "more light": "More light",
     "less light": "Less light",
 }
@@ -62,16 +62,37 @@ RIGHT: dict[str, tuple[str, ...]] = {
 }
 
 
+def _lighter(frame: Frame) -> Frame:
+    """The lamp of a room is on."""
+    return np.clip(frame.astype(np.int64) + 50, 0, 255).astype(np.uint8)
+
+
+def _dusty(frame: Frame) -> Frame:
+    """16 pixels without a fringe, off the dents."""
+    found = frame.copy()
+    found[40:56, 40:56] = np.uint8(frame.mean())
+    return found
+
+
+#: Changes of a frame that touch no height beside them -> tests that name them.
+BESIDE: dict[str, tuple[Callable[[Frame], Frame], tuple[str, ...]]] = {
+    "room light": (_lighter, ("more light", "blur")),
+    "dust of 16 px": (_dusty, ("dust",)),
+}
+
+
 def rows(seeds: int) -> list[Row]:
     """Of every test on frames of right streams, and of every fault of a frame."""
     rig = stream_rig(resize(load("prism48"), *_SIZE))
     found = []
     for kind, allowed in RIGHT.items():
         told = [_named(_frame(rig, kind, seed)) - set(allowed) for seed in range(seeds)]
-        found += [
-            Row(_PART, test, kind, math.nan, len(told), sum(test in one for one in told), 0, 0)
-            for test in TESTS
-        ]
+        found += _alarms(kind, told)
+    for name, (change, tests) in BESIDE.items():
+        told = [_named(_frame(rig, "smooth press", seed, change)) for seed in range(seeds)]
+        found += _alarms(name, [one - set(tests) for one in told])
+        missed = sum(not one & set(tests) for one in told)
+        found.append(Row(_PART, ", ".join(tests), name, math.nan, 0, 0, len(told), missed))
     for name, fault in FAULTS.items():
         named = [_named(_faulty(rig, fault, seed)) for seed in range(seeds)]
         missed = sum(not one & set(NAMED_BY[name]) for one in named)
@@ -79,16 +100,26 @@ def rows(seeds: int) -> list[Row]:
     return found
 
 
+def _alarms(kind: str, named: list[set[str]]) -> list[Row]:
+    """Rows of every test on frames with nothing wrong."""
+    return [
+        Row(_PART, test, kind, math.nan, len(named), sum(test in one for one in named), 0, 0)
+        for test in TESTS
+    ]
+
+
 def _named(reading: Reading) -> set[str]:
     said = [reading.reason, *(notice.name for notice in reading.notices)]
     return {test for test, words in TESTS.items() if any(words in one for one in said)}
 
 
-def _frame(rig: StreamRig, kind: str, seed: int) -> Reading:
+def _frame(
+    rig: StreamRig, kind: str, seed: int, change: Callable[[Frame], Frame] = lambda frame: frame
+) -> Reading:
     """Of a press at half of a stream."""
     rng = np.random.default_rng([91, seed])
     moment = KINDS[kind](rng.uniform(26, 34), rng.uniform(18, 27), rng.uniform(0.3, 1.0), 0.5)
-    return Live(rig.prepared).update(photons(rig.shown(moment)[0], rng))
+    return Live(rig.prepared).update(change(photons(rig.shown(moment)[0], rng)))
 
 
 def _faulty(rig: StreamRig, fault: Callable[[Frame, Frame], Frame], seed: int) -> Reading:
