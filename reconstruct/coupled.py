@@ -30,7 +30,7 @@ from .load import SAG, free_mode, less_sag
 from .problem import Problem, first_solution
 from .result import height_map, refused, with_references, without_unknown
 from .rig.calibration import same_capture
-from .rig.hypotheses import explain, likely_mistake, likely_mistake_at_rest, of_another_rig, turned_against
+from .rig.hypotheses import mistakes, of_another_rig
 from .rig.model import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes
 from .rig.shift import PictureShift, picture_shift, shift_modes
 from .solver.anchors import EDGE_OR_BORDER, Anchors
@@ -148,12 +148,8 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     if scene.exact and not (apart and chi2 > LINEAR):
         return _Judged(height)
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
-    if measured.rest is not None and not accept:
-        mistake = turned_against(measured.correspondence, measured.rest) or likely_mistake_at_rest(
-            measured.rest, scene
-        )
-        if mistake is not None:
-            return _Judged(refused(height), None, mistake)
+    if at_rest and not accept and (found := mistakes(measured, scene)):
+        return _Judged(refused(height), None, found[0])
     model = rig_model(measured, typed, height)
     if model is None:
         return _Judged(height)
@@ -165,9 +161,9 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
             height = replace(height, diagnostics=known)
         doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
         if doubted and not accept:
-            mistake = None if at_rest else likely_mistake(measured, typed, left)
-            if mistake or not left.likely:
-                return _Judged(refused(height), left, mistake)
+            found = () if at_rest else mistakes(measured, typed, left)
+            if found or not left.likely:
+                return _Judged(refused(height), left, *found[:1])
     if scene.exact:
         return _Judged(height, left)
     return _Judged(replace(height, **rig_modes(model, solutions)._asdict()), left)
@@ -195,7 +191,7 @@ def _explained(measured: Measurement, scene: Scene) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        for mistake in explain(measured.correspondence, scene, measured.rest):
+        for mistake in mistakes(measured, scene):
             raise InputError(f"{error}; with one change of the scene it fits: {mistake}") from error
         found = of_another_rig(measured, scene)
         if found is None or not found.fails:

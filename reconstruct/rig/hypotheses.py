@@ -19,7 +19,7 @@ from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain
 from .model import LIKELY, Measurement, RigJudgement, judged_rig, rig_model
 
-__all__ = ["explain", "likely_mistake", "likely_mistake_at_rest", "of_another_rig", "turned_against"]
+__all__ = ["explain", "mistakes", "of_another_rig"]
 
 _NAMES = 3  # mistakes
 _BETTER = 0.1  # of the misfit: the limit for the right description
@@ -61,35 +61,32 @@ def explain(
 ) -> tuple[str, ...]:
     """Up to three mistakes in the scene or the pictures without which the capture fits, in words, the
     likeliest first; none where none does, or the capture fits as it stands."""
-    typed = replace(scene, accuracy=TYPED) if scene.exact else scene
-    if rest is None:
-        return _mistakes_alone(Measurement(correspondence, None, None, None), typed)[:_NAMES]
-    turned = turned_against(correspondence, rest)
-    return ((turned,) if turned else ()) + _mistakes_at_rest(rest, typed)[: _NAMES - bool(turned)]
+    return mistakes(Measurement(correspondence, None, None, rest), scene)[:_NAMES]
 
 
-def likely_mistake(measured: Measurement, scene: Scene, described: RigJudgement) -> str | None:
-    """The mistake without which the capture fits its scene, in words; None where none does. described: the
-    judgement of the capture as it was described."""
-    return next(iter(_mistakes_alone(measured, scene, described)), None)
+def mistakes(measured: Measurement, scene: Scene, described: RigJudgement | None = None) -> tuple[str, ...]:
+    """Of a measurement, see `explain`: by its rest capture, if there is one; described: its judgement as it
+    was described, if it is known."""
+    scene = replace(scene, accuracy=TYPED) if scene.exact else scene
+    if measured.rest is None:
+        return _mistakes_alone(measured, scene, described)
+    turned = _turned_against(measured.correspondence, measured.rest)
+    return ((turned,) if turned else ()) + _mistakes_at_rest(measured.rest, scene)
 
 
-def _mistakes_alone(
-    measured: Measurement, scene: Scene, described: RigJudgement | None = None
-) -> tuple[str, ...]:
+def _mistakes_alone(measured: Measurement, scene: Scene, described: RigJudgement | None) -> tuple[str, ...]:
     """Only mistakes without which the places lie nearer to those of the flat mirror, the nearest first, each
     solved on a coarse grid."""
-    press, mistakes = measured.correspondence, _mistakes(scene)
     if described is None and (described := _judged(measured, scene)) is None:
         return ()
-    away = {words: _rest_misfit(change(press), other) for words, (change, other) in mistakes.items()}
-    found = []
+    press, found = measured.correspondence, []
+    changed = {words: (change(press), other) for words, (change, other) in _mistakes(scene).items()}
+    away = {words: _rest_misfit(*one) for words, one in changed.items()}
     for words in sorted(away, key=away.__getitem__):
         if not away[words] < _rest_misfit(press, scene):
             break
-        change, other = mistakes[words]
-        rest = None if measured.rest is None else change(measured.rest)
-        judged = _judged(measured._replace(correspondence=change(press), rest=rest), other, described.raw)
+        seen, other = changed[words]
+        judged = _judged(measured._replace(correspondence=seen), other, described.raw)
         if judged and judged.likely and (judged.exact or judged.chi2 < 0.5 * described.chi2):
             found.append(words)
     return tuple(found)
@@ -109,14 +106,8 @@ def _judged(measured: Measurement, scene: Scene, raw: float = math.inf) -> RigJu
         return None
 
 
-def likely_mistake_at_rest(rest: Correspondence, scene: Scene) -> str | None:
-    """The mistake without which the rest capture is one of a flat mirror, in words; None where none is, or
-    the scene is likely as it stands."""
-    return next(iter(_mistakes_at_rest(rest, scene)), None)
-
-
 def _mistakes_at_rest(rest: Correspondence, scene: Scene) -> tuple[str, ...]:
-    """The best first."""
+    """Without which the rest capture is one of a flat mirror, the best first."""
     misfit = _rest_misfit(rest, scene)
     if misfit <= LIKELY:
         return ()
@@ -125,7 +116,7 @@ def _mistakes_at_rest(rest: Correspondence, scene: Scene) -> tuple[str, ...]:
     return tuple(words for words in sorted(found, key=found.__getitem__) if found[words] < limit)
 
 
-def turned_against(press: Correspondence, rest: Correspondence) -> str | None:
+def _turned_against(press: Correspondence, rest: Correspondence) -> str | None:
     """The turn of the pictures without which press and rest lie ten times nearer to each other, in words."""
 
     few = some_rows(rest.u)
