@@ -320,7 +320,7 @@ def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Load | None:
     size, unit = np.linalg.norm(every, axis=1), noise / math.sqrt(_INDEPENDENT)
     for _ in range(2):  # the residual weighs the prior
         aimed = np.full(len(every), unit)
-        aimed[:fewer] /= max(_AMPLITUDE * outside.depth, 1e-300)
+        aimed[:fewer] /= max(_AMPLITUDE * outside.depth, noise, 1e-100)
         aimed[-1] /= sinks
         prior = np.hypot(np.where(size > 0, _TAILS * size, 1.0), aimed)
         found = fit(every, seen, prior)

@@ -207,7 +207,7 @@ def test_a_dent_is_no_motion(dents: str, exact: bool) -> None:
     assert np.sqrt(np.mean(np.square(((height.z - true) / height.total_sigma)[height.good]))) < 1.3
 
 
-@pytest.mark.parametrize("pixels", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("pixels", [0.05, 0.3])
 def test_a_camera_that_moved_before_an_exact_rig_is_named(pixels: float) -> None:
     """By .05 px heights are 8 um off, of which an exact rig knew nothing."""
     scene = resize(load("prism48", exact=True), 120, 160)
