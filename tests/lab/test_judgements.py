@@ -38,7 +38,7 @@ SMALL = ("untouched", "ball", "camera pose", "press and rest exchanged", "u reve
 @pytest.mark.parametrize("kinds", [SMALL, pytest.param(None, marks=pytest.mark.slow)])
 def test_right_maps_are_named_by_no_test_and_wrong_ones_are(kinds: tuple[str, ...] | None) -> None:
     found = heights.rows(2, kinds)
-    assert sum(row.right for row in found) > 30
+    assert sum(row.right for row in found) > 25
     assert [row for row in found if row.false_alarms] == []
     wrong = [row for row in found if row.wrong]
     assert len(wrong) >= 2
