@@ -3,12 +3,15 @@
 import csv
 import hashlib
 import json
+import math
 import os
 import re
+import secrets
 import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +19,21 @@ import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.errors import reason_of
+from optolever.quantities import quantity
 
-from .outputs import OutputFile, Program, files_named
-from .show import number, progress
-from .workers import Outcome, Run, Task, cluster, processes
+from .outputs import Output, OutputFile, Program, files_named, require_apart
+from .show import progress
+from .workers import Outcome, Run, Task, workers
 
 #: Parameters that change no result.
 _BESIDE = ("out", "json_path", "save_profile")
-#: Columns of every table, around the numbers of the command itself.
-_OF_CONTACT = ("depth", "depth_sigma", "area", "force")
-_FIRST, _LAST = ("capture", "code", "notices", "good", *_OF_CONTACT), ("digest", "error")
+#: Columns of every table, around the numbers of the command itself: of the deepest contact, by its fields.
+_OF_CONTACT = {
+    "depth_mm": "depth", "depth_sigma_mm": "depth_sigma", "area_mm2": "area", "force_n": "force",
+    "force_sigma_n": "force_sigma",
+}  # fmt: skip
+_FIRST, _LAST = ("capture", "code", "notices", "good_share", *_OF_CONTACT), ("digest", "files", "error")
 #: Lines of capture.toml that differ between captures of one kind.
 _OF_ONE_FRAME = re.compile(r"^(file|time) *=.*\n?", re.MULTILINE)
 #: Share of good pixels of the mirror from which a capture makes the profile of others.
@@ -36,35 +44,96 @@ _FEWER = 0.9
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table, by its columns; as text the cells that were read."""
+    """A line of the table, by its columns; as text the cells that were read. new: of this run."""
 
     values: Mapping[str, Any]
+    new: bool = True
 
     @classmethod
-    def of(cls, outcome: Outcome, digest: str) -> "Row":
-        """Of a command that ended: the deepest contact's depth with sigma, area and force (mm, mm^2,
-        N) among its numbers."""
+    def of(cls, outcome: Outcome, digest: str, files: Mapping[str, Any]) -> "Row":
+        """Of a command that ended, with the deepest contact among its numbers; files: `stamps` of its
+        results by their names."""
         given = outcome.numbers
         contacts = [one for one in given.get("contacts", ()) if one.get("depth") is not None]
         deepest: dict[str, Any] = max(contacts, key=lambda one: abs(one["depth"]), default={})
         notices = [notice["name"] for notice in given.get("notices", ())]
         own = {name: value for name, value in given.items() if isinstance(value, int | float)}
         values = {"capture": outcome.name, "code": outcome.code, "notices": " | ".join(notices)}
-        values |= {"good": own.pop("good_share", "")}
-        values |= {name: deepest.get(name, "") for name in _OF_CONTACT}
-        return cls(values | own | {"digest": digest, "error": outcome.error})
+        values |= {"good_share": own.pop("good_share", "")}
+        values |= {name: deepest.get(field, "") for name, field in _OF_CONTACT.items()}
+        return cls(values | own | {"digest": digest, "files": json.dumps(files), "error": outcome.error})
+
+    @property
+    def name(self) -> str:
+        """Of the capture."""
+        return str(self.values["capture"])
 
     @property
     def failed(self) -> bool:
         """Whether the command ended with an error."""
         return str(self.values.get("code")) != "0"
 
-    def lines(self) -> Iterator[str]:
-        """For the terminal: the numbers or the error."""
-        name = self.values["capture"]
-        shown = {key: value for key, value in self.values.items() if isinstance(value, float)}
-        figures = ", ".join(f"{key} {number(value)}" for key, value in shown.items()) or "as before"
-        yield f"{name}: {self.values['error'] if self.failed else figures}"
+    @property
+    def files(self) -> dict[str, Any]:
+        """Sizes and times of the results, by their names."""
+        with suppress(ValueError, TypeError):
+            return dict(json.loads(self.values["files"]))
+        return {}  # of a line that was cut
+
+    def number(self, column: str) -> float:
+        """Of a column; NaN of an empty one."""
+        with suppress(ValueError, TypeError):
+            return float(self.values.get(column, ""))
+        return math.nan
+
+    def text(self) -> str:
+        """For the terminal: depth and force of the deepest contact, share of good pixels, or the error."""
+        if self.failed:
+            return f"{self.name}  {self.values['error']}"
+        figures = [
+            f"{what} {quantity(value, unit, self.number(f'{what}_sigma_{unit.lower()}'))}"
+            for what, unit in (("depth", "mm"), ("force", "N"))
+            if not math.isnan(value := self.number(f"{what}_{unit.lower()}"))
+        ]
+        figures += [f"{100 * self.number('good_share'):.1f} % good", *([] if self.new else ["as before"])]
+        return f"{self.name}  {', '.join(figures)}"
+
+
+class Table:
+    """table.csv: a row a capture, each written as it comes. rows: by capture, of earlier runs, too; known:
+    the file there is such a table."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.known, self._columns, self.rows = path, False, list[str](), dict[str, Row]()
+        with (
+            suppress(OSError, UnicodeDecodeError, csv.Error),
+            path.open(encoding="utf-8", newline="") as file,
+        ):
+            read = csv.DictReader(file)
+            self.known = {*_FIRST, *_LAST} <= set(read.fieldnames or ())
+            self.rows = {row["capture"]: Row(row, new=False) for row in read if self.known}
+
+    def add(self, row: Row) -> None:
+        """Write a row; a new column writes all anew."""
+        self.rows[row.name] = row
+        if not row.values.keys() <= set(self._columns):
+            self.save()
+            return
+        try:
+            with self.path.open("a", encoding="utf-8", newline="") as file:
+                writer = csv.DictWriter(file, self._columns, lineterminator="\n")
+                writer.writerow(row.values)
+        except OSError as error:
+            raise InputError(f"{self.path}: {reason_of(error)}") from error
+
+    def save(self) -> None:
+        """All rows, sorted by name."""
+        names = dict.fromkeys(str(name) for row in self.rows.values() for name in row.values if name)
+        self._columns = [*_FIRST, *(name for name in names if name not in (*_FIRST, *_LAST)), *_LAST]
+        lines = [
+            [self.rows[name].values.get(each, "") for each in self._columns] for name in sorted(self.rows)
+        ]
+        ol.files.write_rows(self.path, self._columns, lines)
 
 
 class Many(Program):
@@ -99,7 +168,7 @@ class Many(Program):
         if len(captures) < 2 or (self.folders and not all(capture.is_dir() for capture in captures)):
             return super().invoke(ctx)
         for parameter in self.params:
-            output = isinstance(parameter.type, OutputFile) and parameter.name != "out"
+            output = isinstance(parameter.type, OutputFile) and parameter.name not in ("out", "save_profile")
             output |= parameter.name == "keep_rest"
             if output and ctx.params[parameter.name or ""]:
                 text = f"{parameter.opts[0]}: is of one capture, not of {len(captures)}; leave it out"
@@ -107,44 +176,52 @@ class Many(Program):
         out = Path(ctx.params["out"])
         if out.suffix.lower() == ".npz":
             raise InputError(f"--out {out}: becomes a folder, of {len(captures)} captures; leave .npz out")
-        before = _read_table(out / "table.csv")
-        early = again or not before
-        workers = processes(jobs, self.imports, early) if scheduler is None else cluster(scheduler)
-        with workers as run, progress() as step:
-            batch = Batch(self, ctx.params, _by_name(captures), out, again)
-            ol.files.require_folder(out, "table.csv")
-            from optolever.kernels import are_compiled
+        batch = Batch(self, ctx.params, _by_name(captures), out, again, Table(out / "table.csv"))
+        inputs, outputs = self.files({**ctx.params, "out": None})
+        require_apart(inputs, [*batch.outputs(), *outputs])
+        for capture in captures:
+            if capture.is_dir() and out.resolve().is_relative_to(capture.resolve()):
+                raise InputError(f"--out {out}: lies in the capture {capture}; name another folder")
+        ol.files.require_folder(out, "table.csv")
+        out.mkdir(exist_ok=True)
+        rows = dict[str, Row]()
+        try:
+            with workers(jobs, scheduler, self.imports) as run, progress() as step:
+                from optolever.kernels import are_compiled
 
-            out.mkdir(exist_ok=True)
-            rows = dict[str, Row]()
-            if scheduler is None and not any(map(are_compiled, self.imports)):
-                step("compile kernels (once)")
-            try:
-                for row in batch.rows(run, before):
-                    rows[row.values["capture"]] = row
+                if scheduler is None and not any(map(are_compiled, self.imports)):
+                    step("compile kernels (once)")
+                for row in batch.rows(run):
+                    rows[row.name] = row
                     step(str(self.name), len(rows), len(batch.captures))
                     with step.aside():
-                        for line in row.lines():
-                            click.echo(line, err=row.failed)
-            finally:
-                for line in _notices(rows.values()):
-                    click.echo(line, err=True)
-                _save_table(out / "table.csv", before | rows)
-                done = sum(not row.failed for row in rows.values())
-                click.echo(f"{done} of {len(batch.captures)} captures done; {out / 'table.csv'}")
+                        click.echo(row.text(), err=row.failed)
+        finally:
+            for name in batch.captures:
+                shutil.rmtree(batch.hidden(name), ignore_errors=True)
+            for line in _notices(rows.values()):
+                click.echo(line, err=True)
+            batch.table.save()
+            done = sum(not row.failed for row in rows.values())
+            click.echo(f"{done} of {len(batch.captures)} captures done; {batch.table.path}")
         return 0 if done == len(batch.captures) else 2
 
 
 @dataclass(frozen=True)
 class Batch:
     """A command's parameters for captures by their names, sorted; out: the folder of their results; again:
-    do also what is done. InputError where one profile is asked for of captures of several kinds."""
+    do also what is done; table: of the folder. InputError where one profile is asked for of captures of
+    several kinds.
+
+    A result is made in a hidden folder beside its place, and takes that once its row is written."""
 
     command: Many
     given: Mapping[str, Any]
     captures: Mapping[str, Path]
     out: Path
     again: bool
+    table: Table
+    token: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def __post_init__(self) -> None:
         kept = self.given.get("save_profile")
@@ -152,13 +229,41 @@ class Batch:
             what = f"captures of {len(self._kinds())} kinds (patterns, size of the pictures)"
             raise InputError(f"--save-profile {kept}: {what} have no common profile; leave it out")
 
-    def rows(self, run: Run, before: Mapping[str, Row]) -> Iterator[Row]:
-        """Of every capture, as it ends; a capture whose digest is in `before` is not run."""
+    def outputs(self) -> list[Output]:
+        """The table, and results of every capture; an older one is of an earlier run if its row has all its
+        names."""
+
+        def made(path: Path, row: Row | None) -> bool:
+            known = row.files.get(path.name, {}) if row else {}
+            return bool(ol.files.stamps(path).keys() <= known.keys())
+
+        results = [
+            (self.out / file, self.table.rows.get(name))
+            for name in self.captures
+            for file in self.files(name).values()
+        ]
+        return [
+            Output(self.table.path, lambda _: self.table.known),
+            *(Output(path, partial(made, row=row)) for path, row in results),
+        ]
+
+    def files(self, name: str) -> dict[str, str]:
+        """Names of the results that a capture's command may write, by its parameters."""
+        (kind,) = (parameter.type for parameter in self.command.params if parameter.name == "out")
+        made = {"out": f"{name}.npz" if isinstance(kind, OutputFile) else name, "json_path": f"{name}.json"}
+        return made | ({"save_profile": f".{name}.profile.npz"} if "save_profile" in self.given else {})
+
+    def hidden(self, name: str) -> Path:
+        """Folder where results have temporary names: those that they get, below it."""
+        return self.out / f".{self.token}.{name}"
+
+    def rows(self, run: Run) -> Iterator[Row]:
+        """Of every capture, as it ends; a capture whose results are those of its row is not run."""
         if "save_profile" not in self.given or self.given["profile"] is not None:
-            yield from self._of(run, list(self.captures), before, None, {})
+            yield from self._of(run, list(self.captures), None, {})
             return
         for same in self._kinds():
-            yield from self._of_one_kind(run, same, before)
+            yield from self._of_one_kind(run, same)
 
     def _kinds(self) -> list[list[str]]:
         """Names of captures by what one profile may hold for."""
@@ -167,81 +272,84 @@ class Batch:
             kinds.setdefault(_kind(capture), []).append(name)
         return list(kinds.values())
 
-    def _of_one_kind(self, run: Run, names: list[str], before: Mapping[str, Row]) -> Iterator[Row]:
+    def _of_one_kind(self, run: Run, names: list[str]) -> Iterator[Row]:
         """Those of one kind: the first good one makes the profile, which all others use."""
         left = list(names)
         for name in names:
-            kept = Path(self.given["save_profile"] or self.out / f".{name}.profile.npz")
-            known = before if kept.exists() else {}
-            (row,) = self._of(run, [name], known, None, {"save_profile": kept})
-            share = row.values.get("mirror_good_share", row.values["good"])
+            given, file = self.given["save_profile"], self.files(name)["save_profile"]
+            kept, anew = given or self.out / file, given is not None and not given.exists()
+            (row,) = self._of(run, [name], None, {"save_profile": given or self.hidden(name) / file}, anew)
+            share = row.values.get("mirror_good_share", row.values["good_share"])
             if not row.failed and float(share or 0) >= _GOOD:
                 left.remove(name)
                 yield row
                 own = {"profile": kept, "save_profile": None}
-                yield from self._of(run, left, before, str(row.values["digest"]), own)
+                yield from self._of(run, left, str(row.values["digest"]), own)
                 return
-            if self.result(name).is_dir():  # is measured again, by another's profile
-                shutil.rmtree(self.result(name))
-        yield from self._of(run, left, {}, None, {"save_profile": None})
+        yield from self._of(run, left, None, {"save_profile": None}, anew=True)
 
     def _of(
-        self,
-        run: Run,
-        names: Sequence[str],
-        before: Mapping[str, Row],
-        profile: str | None,
-        own: dict[str, Any],
+        self, run: Run, names: Sequence[str], profile: str | None, own: dict[str, Any], anew: bool = False
     ) -> Iterator[Row]:
-        """Of some captures; profile: digest of the capture that made it; own: further parameters."""
+        """Of some captures; profile: digest of the capture that made it; own: further parameters; anew: do
+        also what is done."""
         beside = (*_BESIDE, self.command.captures)
         options = {name: value for name, value in self.given.items() if name not in beside}
         common: list[Any] = [ol.__version__, profile, options]
         common += [_stamp(file) for value in options.values() for file in files_named(value)]
         digests = {name: _digest([*common, _stamp(self.captures[name])]) for name in names}
-        tasks, stamps = [], {}
+        tasks = []
         for name in names:
-            row, result = before.get(name), self.result(name)
+            row = self.table.rows.get(name)
             same = row is not None and not row.failed and row.values.get("digest") == digests[name]
-            if row is not None and same and result.exists() and not self.again:
+            if row is not None and same and not (anew or self.again) and self._unchanged(row):
                 yield row
-                continue
-            if row is not None and result.is_dir():
-                shutil.rmtree(result)
-            tasks.append(self.task(name, own))
-            stamps[name] = _stamp(result)
+            else:
+                tasks.append(self.task(name, own))
         for outcome in run(tasks):
-            result = self.result(outcome.name)
-            if outcome.code and result.is_file() and _stamp(result) == stamps[outcome.name]:
-                result.unlink()  # of an earlier run
-            yield Row.of(outcome, digests[outcome.name])
+            yield self._placed(outcome, digests[outcome.name])
 
-    def result(self, name: str) -> Path:
-        """The file or the folder that a capture's command writes."""
-        (kind,) = (parameter.type for parameter in self.command.params if parameter.name == "out")
-        return self.out / (f"{name}.npz" if isinstance(kind, OutputFile) else name)
+    def _unchanged(self, row: Row) -> bool:
+        """Whether results are there as they were made."""
+        return {file: ol.files.stamps(self.out / file) for file in row.files} == row.files
+
+    def _placed(self, outcome: Outcome, digest: str) -> Row:
+        """Its row, and then its results to their places. An older one that has no successor is set aside."""
+        name, hidden = outcome.name, self.hidden(outcome.name)
+        older = self.table.rows[name].files if name in self.table.rows else {}
+        made = {file: of for file in self.files(name).values() if (of := ol.files.stamps(hidden / file))}
+        row = Row.of(replace(outcome, error=outcome.error.replace(f"{hidden.name}/", "")), digest, made)
+        self.table.add(row)
+        for file in self.files(name).values():
+            if file in made:
+                ol.files.put(hidden / file, self.out / file, older.get(file, {}))
+            else:
+                ol.files.aside(self.out / file)
+        shutil.rmtree(hidden, ignore_errors=True)
+        return row
 
     def task(self, name: str, own: Mapping[str, Any]) -> Task:
         """A capture's command, with parameters of its own."""
         assert self.command.callback is not None
-        parameters = {**self.given, self.command.captures: (self.captures[name],), "out": self.result(name)}
-        parameters = {**parameters, "json_path": self.out / f"{name}.json", **own}
-        return Task(name, self.command.callback.__module__, parameters, os.getcwd())
+        hidden = self.hidden(name)
+        files = {key: hidden / file for key, file in self.files(name).items() if key != "save_profile"}
+        parameters = {**self.given, self.command.captures: (self.captures[name],), **files, **own}
+        return Task(name, self.command.callback.__module__, parameters, os.getcwd(), hidden)
 
 
 def _notices(rows: Collection[Row]) -> Iterator[str]:
     """Notices of all captures; several that differ only in numbers are one line, by the first."""
     same = dict[str, list[str]]()
-    shares = sorted(float(row.values["good"] or 0) for row in rows if not row.failed)
+    shares = sorted(row.number("good_share") for row in rows if not row.failed)
     for row in rows:
         notices = list(filter(None, str(row.values["notices"]).split(" | ")))
-        if not row.failed and float(row.values["good"] or 0) < _FEWER * (usual := shares[len(shares) // 2]):
-            good = 100 * float(row.values["good"] or 0)
-            notices.append(f"{good:.0f} % of the pixels are good, {100 * usual:.0f} % of most captures'")
-        for notice in notices:
-            same.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(
-                f"{row.values['capture']}: notice: {notice}"
+        good, usual = row.number("good_share"), shares[len(shares) // 2] if shares else 0.0
+        if not row.failed and good < _FEWER * usual:
+            notices.append(
+                f"{100 * good:.0f} % of the pixels are good, {100 * usual:.0f} % of most captures'"
             )
+        for notice in notices:
+            same.setdefault(re.sub(r"\d[\d.,]*", "", notice), []).append(f"{row.name}: notice: {notice}")
     for first, *more in same.values():
         yield f"{len(more) + 1} captures: such as {first}" if more else first
 
@@ -288,20 +396,3 @@ def _stamp(path: Path) -> list[tuple[str, int, int]]:
 
 def _digest(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, default=str, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _read_table(path: Path) -> dict[str, Row]:
-    """Rows of an earlier run by their captures; none of a table of another program."""
-    if not path.is_file():
-        return {}
-    with suppress(OSError, UnicodeDecodeError, csv.Error, KeyError), path.open(encoding="utf-8") as file:
-        return {row["capture"]: Row(row) for row in csv.DictReader(file)}
-    return {}
-
-
-def _save_table(path: Path, rows: Mapping[str, Row]) -> None:
-    """One row a capture, sorted by name (CSV)."""
-    names = dict.fromkeys(name for row in rows.values() for name in row.values)
-    columns = [*_FIRST, *(name for name in names if name not in (*_FIRST, *_LAST)), *_LAST]
-    lines = ([rows[name].values.get(column, "") for column in columns] for name in sorted(rows))
-    ol.files.write_rows(path, columns, lines)

@@ -8,7 +8,7 @@ from optolever.kernels import compiled_beside
 
 from .arguments import Opt, program
 from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
-from .outputs import ReportFolder
+from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
 from .show import length, number, print_notices, progress, table, write_json
 
 SAMPLE = """
@@ -33,7 +33,7 @@ _COMPILED = {
     "optolever.decode": "optolever.decode:compile_neighbours",
     "optolever.reconstruct": "optolever.experiments:compile_heights",
 }
-OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder("report.html", "figures.csv"))
+OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder(*PAGE, full=PAGE_IN_FULL))
 
 
 @program("demo", SAMPLE)

@@ -11,6 +11,7 @@ from optolever import InputError
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import Json, NoRest, Shown, checked_response, name_unused, response_of
+from .outputs import NewFolder, OutputFile
 from .rig_capture import capture_rig, measured_lag
 from .rig_devices import Changes, OpenedRig, sequence_of
 from .show import (
@@ -41,7 +42,7 @@ Measured in press1
 PROFILE = Rare("--profile NPZ", "Profile of the rig, instead of a new estimate.")
 ONLY = Opt("--frames-only", "Take the capture, into --out itself, and stop.")
 KEEP = Rare("--keep", "Keep the recording of all images, OUT.recording.")
-SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.")
+SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.", OutputFile(".npz"))
 
 
 @program(
@@ -50,7 +51,7 @@ SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.")
 def command(
     captures: Annotated[tuple[Path, ...], Arg("[DIR...]", required=False)],
     rig: OpenedRig,
-    out: Annotated[Path, Opt("--out DIR", "Folder to make: capture, maps, report.")],
+    out: Annotated[Path, Opt("--out DIR", "Folder to make: capture, maps, report.", NewFolder())],
     sequence: Shown = "gray+phase",
     changes: Changes = (),
     no_rest: NoRest = False,
@@ -67,8 +68,6 @@ def command(
     each whose exposure began after the pattern had settled ([sync], else after 0.5 s). The recording of an
     aborted capture stays in OUT.recording (optolever camera replay).
     """
-
-    ol.files.require_new_folder(out)
     scene = ol.scene.load(rig)
     devices = None if captures else ol.projector.devices_of(rig, changes)
     if frames_only:
@@ -92,28 +91,29 @@ def command(
             lagged = ol.decode.Decoder(capture.sequence, decoder.profile.with_lag(lag))
             seen = lagged.decode(capture.frames)
         seen = checked_response(seen, capture, settings) if known is None else seen
-        if save_profile is not None and decoder.profile is not None:
-            decoder.profile.save(save_profile)
-        seen.save(out / "c.npz")
-        step("reconstruct")
-        rest = None if no_rest else ol.calibration.load_rest(rig)
-        height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
-        if scene.medium is not None:
-            height = replace(height, contacts=ol.reconstruct.contacts(height, layer=scene.layer))
-        plain = ol.reconstruct.slope_map(replace(height, modes=None), seen, scene, rest)
-        height = ol.reconstruct.with_slope_noise(height, plain)
-        height.save(out / "h.npz")
-        found = ol.experiments.Measurement(
-            height, seen, capture, scene, source=str(out / "h.npz"), rig=str(rig),
-            simulated=devices is not None and devices.camera == "virtual", saved=("c.npz", "h.npz"),
-            rest=rest,
-        )  # fmt: skip
-        ol.experiments.write_measurement_report(out / "report.html", found, full=True)
-    noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
-    frames = {"frames": len(capture)} if taken is None else taken.numbers()
-    numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
-    contacts = [one.to_dict() for one in height.contacts or ()]
-    write_json(json_path, frames | {"contacts": contacts} | numbers)
+        with ol.files.together():
+            if save_profile is not None and decoder.profile is not None:
+                decoder.profile.save(save_profile)
+            seen.save(out / "c.npz")
+            step("reconstruct")
+            rest = None if no_rest else ol.calibration.load_rest(rig)
+            height = ol.reconstruct.reconstruct(seen, scene, rest=rest)
+            if scene.medium is not None:
+                height = replace(height, contacts=ol.reconstruct.contacts(height, layer=scene.layer))
+            plain = ol.reconstruct.slope_map(replace(height, modes=None), seen, scene, rest)
+            height = ol.reconstruct.with_slope_noise(height, plain)
+            height.save(out / "h.npz")
+            found = ol.experiments.Measurement(
+                height, seen, capture, scene, source=f"{out.name}/h.npz", rig=str(rig),
+                simulated=devices is not None and devices.camera == "virtual", saved=("c.npz", "h.npz"),
+                rest=rest,
+            )  # fmt: skip
+            ol.experiments.write_measurement_report(out / "report.html", found, full=True)
+            noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
+            frames = {"frames": len(capture)} if taken is None else taken.numbers()
+            numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
+            contacts = [one.to_dict() for one in height.contacts or ()]
+            write_json(json_path, frames | {"contacts": contacts} | numbers)
     name_unused(rig, "measure", **({} if profile else {"profile": f"give --profile {rig}"}))
     print_notices(height.notices)  # the correspondence's among them
     rows = {

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
 
 
 class RigFile(click.Path):
-    """The file of a rig, which exists."""
+    """The file of a rig, which exists; beside: suffixes of files that the command keeps beside it."""
 
-    def __init__(self) -> None:
+    def __init__(self, *beside: str) -> None:
         super().__init__(dir_okay=False, path_type=Path)
+        self.beside = beside
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not Path(value).exists():
@@ -92,7 +93,11 @@ Pictured = Annotated[
 ]
 #: Size of the pictures of a display.
 Display = Annotated[tuple[int, int] | None, Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape())]
-Rig = Annotated[Path, Opt("--scene RIG.toml", "Rig in which the result is stored.", RigFile())]
+
+
+def stored_in(suffix: str) -> Opt:
+    """--scene RIG.toml; suffix: of the file beside it."""
+    return Opt("--scene RIG.toml", "Rig in which the result is stored.", RigFile(suffix))
 
 
 def rest_file(text: str) -> Opt:

@@ -3,9 +3,13 @@
 An output is an option of type `OutputFile` or `ReportFolder`; all other files are inputs.
 """
 
+import csv
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +21,34 @@ from optolever.errors import InputError
 HDF5 = (".h5", ".hdf5")
 #: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
 GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat", ".wft", ".csv", ".npy")
+#: Files of captures and of recordings, beside results of the same suffix.
+_OF_CAPTURE = ("truth.npz", "prepared.npz")
+FIGURES = "figures.csv"
+#: Of a report's folder; in full.
+PAGE = ("report.html", FIGURES, "height.npz", "deviation.npz")
+PAGE_IN_FULL = ("correspondence.npz", "slopes.npz")
 HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 
 
 class OutputFile(click.Path):
     """A file to write. suffixes: of the formats that the command writes; bare: without a suffix, too; folder:
-    the command makes the file's folder where there is none.
+    the command makes the file's folder where there is none; updates: a .toml keeps all but a section; beside:
+    suffixes of files that the command writes beside a .toml.
 
     A device needs no suffix.
     """
 
-    def __init__(self, *suffixes: str, bare: bool = True, folder: bool = False) -> None:
+    def __init__(
+        self,
+        *suffixes: str,
+        bare: bool = True,
+        folder: bool = False,
+        updates: bool = False,
+        beside: Sequence[str] = (),
+    ) -> None:
         super().__init__(path_type=Path)
         self.suffixes, self.bare, self.folder = suffixes, bare, folder
+        self.updates, self.beside = updates, beside
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = Path(str(super().convert(value, param, ctx)))
@@ -40,18 +59,35 @@ class OutputFile(click.Path):
         return path
 
 
-class ReportFolder(click.Path):
-    """A folder to write into, created if absent, and its files."""
+class NewFolder(click.Path):
+    """A folder to make; an empty one is filled."""
 
-    def __init__(self, *files: str) -> None:
+    def __init__(self) -> None:
         super().__init__(path_type=Path)
-        self.files = files
+
+
+class ReportFolder(click.Path):
+    """A folder to write into, created if absent, and its files; full: those of --full, too."""
+
+    def __init__(self, *files: str, full: Sequence[str] = ()) -> None:
+        super().__init__(path_type=Path)
+        self.files, self.full = files, full
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = Path(str(super().convert(value, param, ctx)))
         if path.suffix in {Path(name).suffix for name in self.files} and not path.is_dir():
             raise InputError(f"{_option(param)} {path}: must be a folder, it gets {', '.join(self.files)}")
         return path
+
+
+@dataclass(frozen=True)
+class Output:
+    """A file or a folder that a command writes. made: whether an earlier run made what lies there, of one
+    that no option names; updates: it keeps what it holds."""
+
+    path: Path
+    made: Callable[[Path], bool] | None = None
+    updates: bool = False
 
 
 def _option(param: click.Parameter | None) -> str:
@@ -73,24 +109,38 @@ class Program(click.Command):
 
     def run(self, parameters: Mapping[str, Any]) -> Any:
         """Check, then run. InputError names the output."""
-        outputs, inputs, made = list[Path](), list[str](), set[Path]()
-        for kind, value in self._values(parameters):
-            if isinstance(kind, ReportFolder):
-                ol.files.require_folder(value, *kind.files)
-                outputs += [value / name for name in kind.files]
-                made.add(value.absolute())
-            elif isinstance(value, str | Path) and not isinstance(kind, OutputFile):
-                inputs.append(str(value))
-        for kind, value in self._values(parameters):
-            if isinstance(kind, OutputFile):
-                outputs.append(value)
-                if kind.folder:
-                    ol.files.require_folder(value.parent, value.name)
-                elif value.absolute().parent not in made or value.parent.exists():
-                    ol.files.require_writable(value)
-        _require_apart(outputs, inputs)
+        require_apart(*self.files(parameters))
         assert self.callback is not None
         return self.callback(**parameters)
+
+    def files(self, parameters: Mapping[str, Any]) -> tuple[list[str], list[Output]]:
+        """Inputs, as texts that name them, and outputs. InputError of an output that cannot be written."""
+        outputs, inputs, folders = list[Output](), list[str](), set[Path]()
+        for kind, value in self._values(parameters):
+            if isinstance(kind, ReportFolder):
+                names = (*kind.files, *(kind.full if parameters.get("full") else ()))
+                ol.files.require_folder(value, *names)
+                outputs += [Output(value / name, _in_figures) for name in names]
+                folders.add(value.absolute())
+            elif isinstance(kind, NewFolder):
+                ol.files.require_new_folder(value)
+            elif isinstance(kind, OutputFile):
+                outputs.append(Output(value, updates=kind.updates and value.suffix.lower() == ".toml"))
+            elif isinstance(value, str | Path):
+                inputs.append(str(value))
+            for suffix in getattr(kind, "beside", ()) if Path(str(value)).suffix == ".toml" else ():
+                outputs.append(Output(value.with_suffix(suffix), partial(_of_rig, value)))
+        if parameters.get("keep_rest"):
+            rig = Path(parameters["scene_name"])
+            outputs.append(Output(rig.with_suffix(".rest_places.npz"), partial(_of_rig, rig)))
+        for kind, value in self._values(parameters):
+            if isinstance(kind, OutputFile) and kind.folder:
+                ol.files.require_folder(value.parent, value.name)
+            elif isinstance(kind, OutputFile) and (
+                value.absolute().parent not in folders or value.parent.exists()
+            ):
+                ol.files.require_writable(value)
+        return inputs, outputs
 
     def _values(self, parameters: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
         """Type and value of every argument, those given several times one by one."""
@@ -101,22 +151,69 @@ class Program(click.Command):
                     yield parameter.type, each
 
 
-def _require_apart(outputs: list[Path], inputs: list[str]) -> None:
-    """InputError if two outputs are one file, or an output is an input."""
-    for place, path in enumerate(outputs):
-        if path.exists() and not path.is_file():
+def require_apart(inputs: Sequence[str], outputs: Sequence[Output]) -> None:
+    """InputError if two outputs are one file, an output is an input or a part of one, or if one that no
+    option names would take the place of what no earlier run made."""
+    texts = {name: text for text in inputs for name in _texts(text) if os.path.exists(name)}
+    direct = {_identity(Path(name)): text for name, text in texts.items()}
+    named = {_identity(file): text for text in inputs for file in files_named(text)}
+    folders = {Path(name).resolve(): text for name, text in texts.items() if os.path.isdir(name)}
+    seen = set[Any]()
+    for output in outputs:
+        path = output.path
+        if path.exists() and not (path.is_file() or path.is_dir()):
             continue  # devices take whatever comes
-        for text in inputs:
-            if any(_same(each, path) for each in files_named(text)) or _is_within(path, text):
-                raise InputError(f"{path}: is an input ({text}), which it would destroy; name another output")
-        if any(_same(path, other) for other in outputs[:place]):
+        key = _identity(path)
+        text = direct.get(key, None if output.made else named.get(key)) or _captured(path.resolve(), folders)
+        if text is not None and not output.updates:
+            raise InputError(f"{path}: is an input ({text}), which it would destroy; name another output")
+        if key in seen:
             raise InputError(f"{path}: is named for two outputs, each needs a file of its own")
+        if output.made and os.path.lexists(path) and not output.made(path):
+            why = "was not made by this command, or changed since, and would be replaced"
+            raise InputError(f"{path}: {why}; move it, or name another output")
+        seen.add(key)
 
 
-def _is_within(path: Path, text: str) -> bool:
-    """Whether a command that is given a folder in a text reads this TOML file in it."""
-    folders = (Path(name).resolve() for name in _texts(text) if os.path.isdir(name))
-    return path.suffix == ".toml" and path.exists() and any(map(path.resolve().is_relative_to, folders))
+def _identity(path: Path) -> Any:
+    """The same of two names of one file or folder, by links too; of what does not exist, its path."""
+    try:
+        about = path.stat()
+    except OSError:
+        return os.path.realpath(path)
+    return about.st_dev, about.st_ino
+
+
+def _captured(path: Path, folders: Mapping[Path, str]) -> str | None:
+    """The text that names a folder, if a file in it is of a capture or of a recording, or a picture: all but
+    results."""
+    result = path.suffix in (".npz", ".json", ".csv", ".html") and path.name not in _OF_CAPTURE
+    above = path.parents[1:] if result else path.parents
+    return next((folders[each] for each in above if each in folders), None) if path.is_file() else None
+
+
+def _of_rig(rig: Path, path: Path) -> bool:
+    """Whether a file beside a rig's TOML is the rig's: the TOML names it; a picture, and the rest of `live`,
+    has this program's mark."""
+    if path.name.endswith((".png", ".live.npz")):
+        content = path.read_bytes()
+        return ol.files.MARK in content[:512] + content[-64:]
+    return rig.is_file() and path.name in _texts(rig.read_text("utf-8", "replace"))
+
+
+def _in_figures(path: Path) -> bool:
+    """Whether figures.csv beside it states its size and time."""
+    rows = list[list[str]]()
+    with (
+        suppress(OSError, UnicodeDecodeError, csv.Error),
+        (path.parent / FIGURES).open("r", -1, "utf-8") as file,
+    ):
+        rows = list(csv.reader(file))
+    if path.name == FIGURES:
+        return rows[:1] == [["name", "value", "sigma", "unit"]]
+    known = {row[0]: row[1] for row in rows if len(row) == 4}
+    size, time = (known.get(f"{path.name}, {unit}") for unit in ("bytes", "ns"))
+    return [size, time] == [str(each) for each in ol.files.stamps(path).get("", ())]
 
 
 def files_named(value: Any) -> list[Path]:
@@ -132,10 +229,3 @@ def files_named(value: Any) -> list[Path]:
 def _texts(text: str) -> set[str]:
     """A text and its parts, as in relief:path=picture.png, or the strings of TOML."""
     return {text, *re.split("[:=,\"'\n]", text)} - {""}
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether two names lead to one file, existing or not, after links are resolved."""
-    if one.exists() and other.exists():
-        return one.is_file() and one.samefile(other)
-    return os.path.realpath(one) == os.path.realpath(other)

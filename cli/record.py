@@ -9,6 +9,7 @@ from optolever.errors import reason_of
 
 from .arguments import ABOVE_0, Opt, program
 from .options import Json
+from .outputs import NewFolder
 from .rig_devices import Changes, OpenedRig, levels_of, opened
 from .show import number, table, write_json
 
@@ -25,7 +26,7 @@ Recording in film
 def command(
     rig: OpenedRig,
     seconds: Annotated[float, Opt("--seconds SECONDS", "Duration.", ABOVE_0)],
-    out: Annotated[Path, Opt("--out DIR", "Folder to make; new or empty.")],
+    out: Annotated[Path, Opt("--out DIR", "Folder to make; new or empty.", NewFolder())],
     changes: Changes = (),
     json_path: Json = None,
 ) -> None:

@@ -8,6 +8,7 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, program
 from .options import Json
+from .outputs import NewFolder
 from .rig_capture import captured
 from .show import number, print_notices, table, write_json
 
@@ -21,7 +22,7 @@ Recording cap.recording
 """
 
 
-OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.")
+OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.", NewFolder())
 
 
 @program("replay", SAMPLE)

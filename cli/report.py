@@ -8,7 +8,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, Arg, Opt, program
 from .options import Full, Json, blame, load_scene, preset, rest_file
-from .outputs import ReportFolder
+from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
 from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
 
 SAMPLE = """
@@ -31,7 +31,7 @@ REMOVE = Opt(
 LESS = Opt("--less H.npz", "Height map of the same rig: the difference and its uncertainty; again for more.")
 APERTURE = Opt("--aperture SHAPE|MASK.png", "Of the form and its deviation, as in `form`; again for more.")
 WAVES = Opt("--waves NM", "Also the deviation as a reflected wavefront in waves of this length.", ABOVE_0)
-FILES = ReportFolder("report.html", "figures.csv", "height.npz")
+FILES = ReportFolder(*PAGE, full=PAGE_IN_FULL)
 
 
 @program("report", SAMPLE)

@@ -7,7 +7,7 @@ import optolever as ol
 from optolever.quantities import quantity
 
 from .arguments import Arg, program
-from .options import Json, Rig
+from .options import Json, stored_in
 from .show import number, progress, table, write_json
 
 SAMPLE = """
@@ -22,7 +22,7 @@ $ optolever decode capture --response rig.toml --out c.npz
 def command(
     ramp: Annotated[Path, Arg("RAMP")],
     captures: Annotated[tuple[Path, ...], Arg("[CAPTURE]...", required=False)],
-    rig: Rig,
+    rig: Annotated[Path, stored_in(".response.npz")],
     json_path: Json = None,
 ) -> None:
     """Measure the response of display and camera to levels.

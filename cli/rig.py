@@ -33,7 +33,11 @@ SCREEN = Opt("--monitor NAME", "[devices]: display, as `optolever camera devices
 FOCAL = Opt("--focal MM", "Focal length, with --pixel in place of the view.", ABOVE_0)
 PIXEL = Opt("--pixel MM", "Pitch of the camera's pixels, with --focal.", ABOVE_0)
 PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
-OUT = Opt("--out RIG.toml", "File to write; RIG.png is its drawing.", OutputFile(".toml", bare=False))
+OUT = Opt(
+    "--out RIG.toml",
+    "File to write; RIG.png is its drawing.",
+    OutputFile(".toml", bare=False, beside=(".png",)),
+)
 Number: TypeAlias = float | None
 
 
@@ -117,7 +121,7 @@ def draw_rig(rig: "ol.scene.Scene", out: Path) -> None:
     with default_style():
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
         rig.plot(figure.add_subplot())
-        figure.savefig(out)
+        figure.savefig(out, metadata={"Software": ol.files.MARK.decode()})
 
 
 def _asked(question: Question, kind: str, default: str = "") -> Any:

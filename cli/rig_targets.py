@@ -75,7 +75,7 @@ def capture_targets(
                     kept.rename(path)
                     used = [*used, one]
                     break
-                _aside(path.with_name(f"{path.name}.recording"))
+                ol.files.aside(path.with_name(f"{path.name}.recording"))
                 capture_rig(rig, devices, shown, path, keep=False)
             elif doubtful is None:
                 say(f"{path.name}: taken {_taken(path):{_MINUTE}}, used again")
@@ -91,8 +91,8 @@ def capture_targets(
                 used, now = [*used, one], then
                 break
             say(f"{path.name}: set aside: {fault}")
-            aside = _aside(path)
-            doubtful = None if then is None else (aside, one, then)
+            rejected = ol.files.aside(path)
+            doubtful = None if then is None else (rejected, one, then)
             if not ask:
                 break
     return now
@@ -124,13 +124,3 @@ def answer_at(folder: Path, question: str) -> str:
             f"captures so far are in {folder}; the same command with --resume goes on with them", err=True
         )
         raise
-
-
-def _aside(path: Path) -> Path:
-    """The new name of a rejected capture, or of the recording of an interrupted one, if there is one."""
-    number = 1
-    while (other := path.with_name(f"{path.name}.aside{number}")).exists():
-        number += 1
-    if path.exists():
-        path.rename(other)
-    return other

@@ -9,6 +9,7 @@ import optolever as ol
 
 from .arguments import Arg, Opt, program
 from .options import Json, Seed
+from .outputs import NewFolder
 from .show import progress, write_json
 
 SAMPLE = """
@@ -19,7 +20,7 @@ sensor: a rig, its captures, and the truth apart. It goes on with:
 """
 
 NAMES = ["sensor", "mirror", "forty", "design"]
-OUT = Opt("--out DIR", "Folder to make; default: the name of the set.")
+OUT = Opt("--out DIR", "Folder to make; default: the name of the set.", NewFolder())
 
 
 @program("sample", SAMPLE)

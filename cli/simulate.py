@@ -10,6 +10,7 @@ from optolever import InputError
 
 from .arguments import Opt, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
+from .outputs import NewFolder
 from .show import number, progress, table, write_json
 
 SAMPLE = """
@@ -29,7 +30,7 @@ Capture in capture
 @program("simulate", SAMPLE)
 def command(
     scene_name: SceneName,
-    out: Annotated[Path, Opt("--out DIR", "Folder to make; it must be new or empty.")],
+    out: Annotated[Path, Opt("--out DIR", "Folder to make; it must be new or empty.", NewFolder())],
     dent: Dent = None,
     sequence: Shown = "gray+phase",
     noise: Noise = 0.0,

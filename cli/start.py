@@ -30,9 +30,9 @@ What do you build?
 ...
 """
 
-RIG = Opt(
-    "--rig RIG.toml", "File of the rig: written step by step, gone on with.", OutputFile(".toml", bare=False)
-)
+BESIDE = (".png", ".live.npz", ".rest_places.npz", ".response.npz", ".calibration.npz")
+WRITTEN = OutputFile(".toml", bare=False, updates=True, beside=BESIDE)
+RIG = Opt("--rig RIG.toml", "File of the rig: written step by step, gone on with.", WRITTEN)
 TEXT = Opt("--text", "Ask on the terminal instead of on a page.")
 NO_BROWSER = Opt("--no-browser", "As --text; the preview is drawn on the rig's display itself.")
 STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choice([*STEPS]))

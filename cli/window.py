@@ -11,7 +11,7 @@ from optolever import InputError
 from .arguments import ABOVE_0, Opt, program
 from .devices import print_monitors
 from .options import Json, pixels, shown_sequence
-from .outputs import OutputFile
+from .outputs import NewFolder, OutputFile
 from .show import number, print_notices, table, write_json
 
 SAMPLE = """
@@ -25,7 +25,9 @@ Shown on monitor 1
 
 
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
-PICTURES = Opt("--pictures DIR", "Write 000.png, 001.png, ... and capture.toml there; show nothing.")
+PICTURES = Opt(
+    "--pictures DIR", "Write 000.png, 001.png, ... and capture.toml there; show nothing.", NewFolder()
+)
 MONITOR = Opt("--monitor N|NAME", "Its number or name in --list; default: the second, or the only one.")
 SECONDS = Opt("--seconds SECONDS", "Of each frame; default: arrows step, Escape closes.", ABOVE_0)
 DESCRIBED = "Gets the description, for decode --description, in a new folder, too; default: capture.toml."

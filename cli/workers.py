@@ -5,17 +5,16 @@ import importlib
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from io import StringIO
-from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -32,16 +31,19 @@ _WITHOUT_WORKER = 10.0  # seconds until a cluster without a worker is named
 _END = 3.0  # seconds that all processes have together to take their temporary files away
 _ONE_AT_A_TIME = threading.Lock()  # streams and the working folder belong to a whole process
 _ended = threading.Event()
+_KILLED = "its process was killed twice: too little memory?"
 
 
 @dataclass(frozen=True)
 class Task:
-    """A command for one capture: its module and parameters, and the folder where relative paths begin."""
+    """A command for one capture: its module and parameters, the folder where relative paths begin, and
+    the one to make for its results."""
 
     name: str
     module: str
     parameters: dict[str, Any]
     folder: str
+    results: Path
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ def run_task(task: Task) -> Outcome:
     out, err, numbers = StringIO(), StringIO(), Path(task.parameters["json_path"])
     with _ONE_AT_A_TIME, redirect_stdout(out), redirect_stderr(err):
         os.chdir(task.folder)
-        numbers.unlink(missing_ok=True)
+        shutil.rmtree(task.results, ignore_errors=True)  # of a process that was killed
+        task.results.mkdir()
         try:
             code = exit_code(lambda: command.run(task.parameters), "optolever")
         except Exception as error:  # a fault of this program: the other captures go on
@@ -77,6 +80,49 @@ def run_task(task: Task) -> Outcome:
     return Outcome(task.name, code, lines[-1] if code and lines else "", written)
 
 
+@contextmanager
+def workers(jobs: int, scheduler: str | None, modules: Sequence[str]) -> Iterator[Run]:
+    """Runs tasks, on processes that have imported the modules or on a cluster. InputError: there are none."""
+    with (
+        environment(SAFE_PATH | ONE_THREAD),
+        _pool(jobs, modules) if scheduler is None else _cluster(scheduler) as pool,
+    ):
+
+        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
+            left = {task.name: task for task in tasks}
+            for outcome in _outcomes(pool, tasks):
+                del left[outcome.name]
+                yield outcome
+            for (
+                name,
+                task,
+            ) in left.items():  # a killed process ends its pool: each alone shows which one it is
+                with _pool(1, modules) as alone:
+                    yield next(_outcomes(alone, [task]), Outcome(name, 2, _KILLED))
+
+        yield run
+
+
+def _outcomes(pool: Executor, tasks: Sequence[Task]) -> Iterator[Outcome]:
+    """Those of tasks whose pool has not ended with a killed process."""
+    names = dict[Future[Outcome], str]()
+    with suppress(BrokenExecutor):
+        try:
+            names |= {pool.submit(run_task, task): task.name for task in tasks}
+        except (OSError, ImportError) as error:
+            raise _cannot_start(error) from error
+    for future in as_completed(names):
+        if (fault := future.exception()) is None:
+            yield future.result()
+        elif not isinstance(fault, BrokenExecutor):
+            yield Outcome(names[future], 2, str(fault))
+
+
+def _cannot_start(error: Exception) -> InputError:
+    where = f"TMPDIR {tempfile.gettempdir()} must be short, /dev/shm writable (Docker: --shm-size=64m)"
+    return InputError(f"processes cannot be started ({error}); {where}")
+
+
 def _begin() -> None:
     """Ctrl-C reaches every process of a terminal, but the first one alone decides; from it comes SIGTERM."""
 
@@ -84,33 +130,30 @@ def _begin() -> None:
         _ended.set()
         raise SystemExit(130)
 
+    def end_with_parent() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(130)
+
     gc.freeze()
     gc.enable()  # `warm` has stopped it
+    threading.Thread(target=end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, end)
 
 
-def _started(modules: Sequence[str]) -> BaseContext:
-    """Start the process that imports the modules and from which others are forked, where the system has a
-    fork; it is not waited for."""
+@contextmanager
+def _pool(jobs: int, modules: Sequence[str]) -> Iterator[Executor]:
+    """They are forked from a process that imports the modules, where the system has a fork, and end with an
+    error inside."""
     forks = "forkserver" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if forks else "spawn")
     if forks:
-        from multiprocessing import forkserver
-
-        context.set_forkserver_preload([f"{__package__}.warm", *modules])
-        with _possible():
-            forkserver.ensure_running()
-    return context
-
-
-@contextmanager
-def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
-    """Processes that have imported the modules. They end with an error inside. InputError where the system
-    lacks what processes need."""
-    with _possible():
-        pool = ProcessPoolExecutor(jobs, _started(modules), _begin)
-        pool.submit(os.getpid).result()
+        multiprocessing.set_forkserver_preload([f"{__package__}.warm", *modules])
+    try:
+        pool = ProcessPoolExecutor(jobs, context, _begin)
+    except (OSError, ImportError) as error:
+        raise _cannot_start(error) from error
     try:
         yield pool
     except BaseException:
@@ -119,27 +162,6 @@ def _pool(jobs: int, modules: Sequence[str]) -> Iterator[ProcessPoolExecutor]:
         raise
     finally:
         pool.shutdown()
-
-
-@contextmanager
-def _possible() -> Iterator[None]:
-    """InputError where processes cannot be started."""
-    try:
-        yield
-    except BrokenProcessPool:
-        raise
-    except (OSError, ImportError) as error:
-        raise _cannot_start(error) from error
-
-
-def _cannot_start(error: Exception) -> InputError:
-    folder, shared = tempfile.gettempdir(), Path("/dev/shm")
-    if "AF_UNIX" in str(error):
-        return InputError(f"TMPDIR {folder}: is too long for a socket in it; set another, TMPDIR=/tmp")
-    if not os.access(shared, os.W_OK):
-        cure = "mount a tmpfs there (Docker: --shm-size=64m)"
-        return InputError(f"{shared}: is missing or not writable, processes need it; {cure}")
-    return InputError(f"processes cannot be started ({error})")
 
 
 def _end_processes() -> None:
@@ -154,53 +176,14 @@ def _end_processes() -> None:
         process.kill()
 
 
-def _results(pool: ProcessPoolExecutor, tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """Those of tasks whose process was not killed."""
-    with suppress(BrokenProcessPool):
-        for future in as_completed([pool.submit(run_task, task) for task in tasks]):
-            with suppress(BrokenProcessPool):
-                yield future.result()
-
-
 @contextmanager
-def processes(jobs: int, modules: Sequence[str], early: bool) -> Iterator[Run]:
-    """One pool; what a killed process leaves runs once more together, then alone: which kills it shows.
-
-    modules: what the command imports, once for all processes. early: there is work for sure, so this begins
-    at once.
-    """
-    with environment(SAFE_PATH | ONE_THREAD), ExitStack() as stack:
-        if early:
-            _started(modules)
-        pools = list[ProcessPoolExecutor]()  # none where nothing is left to do
-
-        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
-            left = {task.name: task for task in tasks}
-            if left and not pools:
-                pools.append(stack.enter_context(_pool(jobs, modules)))
-            for again in (False, True):
-                if left:
-                    with _pool(jobs, modules) if again else nullcontext(pools[0]) as pool:
-                        for outcome in _results(pool, list(left.values())):
-                            del left[outcome.name]
-                            yield outcome
-            killed = "its process was killed three times: too little memory?"
-            for name, task in left.items():
-                with _pool(1, modules) as alone:
-                    yield next(_results(alone, [task]), Outcome(name, 2, killed))
-
-        yield run
-
-
-@contextmanager
-def cluster(scheduler: str) -> Iterator[Run]:
-    """Workers of a Dask cluster; a task whose worker was killed runs again elsewhere. InputError: none."""
+def _cluster(scheduler: str) -> Iterator[Executor]:
+    """A task whose worker was killed runs again elsewhere."""
     try:
         dask: Any = importlib.import_module("distributed")
+        client = dask.Client(scheduler, timeout="10s")
     except ImportError as error:
         raise InputError("--scheduler: needs Dask; pip install 'optolever[cluster]'") from error
-    try:
-        client = dask.Client(scheduler, timeout="10s")
     except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without certificates
         raise InputError(f"--scheduler {scheduler}: no answer ({error})") from error
     with client:
@@ -209,18 +192,9 @@ def cluster(scheduler: str) -> Iterator[Run]:
         except TimeoutError:
             cure = f"start one: dask worker {scheduler}"
             click.echo(f"--scheduler {scheduler}: has no worker yet, waiting; {cure}", err=True)
-
-        def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
-            submitted: Mapping[Any, str] = {
-                client.submit(run_task, task, pure=False, retries=_TRIES): task.name for task in tasks
-            }
-            try:
-                for future in dask.as_completed(submitted):
-                    lost = future.status == "error"
-                    name = submitted[future]
-                    yield Outcome(name, 2, str(future.exception())) if lost else future.result()
-            except BaseException:
-                client.cancel(list(submitted))
-                raise
-
-        yield run
+        pool: Executor = client.get_executor(pure=False, retries=_TRIES)
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False)  # or it waits for all tasks
+            raise

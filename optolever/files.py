@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,11 +28,13 @@ from optolever.errors import InputError, reason_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
-    "atomic_file", "atomic_folder", "growing_file", "latest", "load_arrays", "plain", "read_lines",
-    "require_folder", "require_new_folder", "require_writable", "save_arrays", "together",
-    "write_csv", "write_json", "write_rows",
+    "MARK", "aside", "atomic_file", "atomic_folder", "growing_file", "latest", "load_arrays", "plain", "put",
+    "read_lines", "require_folder", "require_new_folder", "require_writable", "save_arrays", "stamps",
+    "together", "write_csv", "write_json", "write_rows",
 ]  # fmt: skip
 
+#: In pictures and .npz of this program.
+MARK = b"optolever"
 _FAILED = "cannot be written"
 
 
@@ -52,7 +55,8 @@ class _Output:
             if self.target.is_file():
                 self.temporary.chmod(stat.S_IMODE(self.target.stat().st_mode))
             elif self.target.is_dir():
-                self.target.rmdir()
+                _fill(self.temporary, self.target)
+                return
             self.temporary.replace(self.target)
 
     def discard(self) -> None:
@@ -145,10 +149,10 @@ def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
     """Yield a folder beside `path` that becomes `path` if the block succeeds; `path` must hold no files.
     Errors as of atomic_file.
     """
-    target = Path(path)
-    require_new_folder(target)
-    _require_parent(target, target)
-    output = _Output(target, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
+    asked, target = Path(path), _target(Path(path))
+    require_new_folder(asked)
+    _require_parent(asked, target)
+    output = _Output(asked, target, target.parent / f".{target.name}.{secrets.token_hex(8)}")
     return _placed(output, Path.mkdir)
 
 
@@ -156,10 +160,52 @@ def growing_file(path: str | Path, mode: str = "w") -> IO[Any]:
     """A file, open, that grows as its content comes: what is killed leaves what was flushed. InputError where
     it cannot be opened."""
     require_writable(path)
+    if Path(path).is_file():  # as a new file: other names of the old one, hard links, keep its content
+        with atomic_file(path):
+            pass
     try:
         return Path(path).open(mode, encoding=None if "b" in mode else "utf-8")
     except OSError as error:
         raise InputError(f"{path}: {reason_of(error)}") from error
+
+
+def stamps(path: Path) -> dict[str, list[int]]:
+    """Size and time, ns, of a file, or of all files of a folder by their names in it; of nothing: none."""
+    files = (
+        [each for each in path.rglob("*") if each.is_symlink() or not each.is_dir()] if path.is_dir() else []
+    )
+    about = {str(each.relative_to(path)): each.lstat() for each in files} if path.is_dir() else {}
+    about |= {"": path.stat()} if path.is_file() else {}
+    return {name: [each.st_size, each.st_mtime_ns] for name, each in sorted(about.items())}
+
+
+def aside(path: Path) -> Path:
+    """Rename what lies there to NAME.aside1, or the first number that is free; that name, of nothing, too."""
+    names = (path.with_name(f"{path.name}.aside{number}") for number in count(1))
+    other = next(each for each in names if not os.path.lexists(each))
+    if os.path.lexists(path):
+        path.rename(other)
+    return other
+
+
+def put(new: Path, target: Path, older: Mapping[str, Any]) -> None:
+    """Rename a file or a folder to its place; an empty folder there is filled. What lies there is set aside,
+    and deleted once the new one is there if its `stamps` are these."""
+    if target.is_dir() and not any(target.iterdir()):
+        _fill(new, target)
+        return
+    before = aside(target)
+    new.rename(target)
+    if os.path.lexists(before) and stamps(before) == older:
+        shutil.rmtree(before) if before.is_dir() and not before.is_symlink() else before.unlink()
+
+
+def _fill(new: Path, target: Path) -> None:
+    """Move what a folder holds into an empty one, folders first: the files describe them."""
+    require_new_folder(target)
+    for each in sorted(new.iterdir(), key=Path.is_file):
+        shutil.move(each, target / each.name)  # a link may lead to another disk
+    new.rmdir()
 
 
 def require_writable(path: str | Path) -> None:
@@ -195,6 +241,7 @@ def save_arrays(path: str | Path, arrays: Mapping[str, Any], compressed: bool = 
     """Write arrays as an .npz; None values are left out. compressed: by zlib's fastest level."""
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     with atomic_file(path) as temporary, zipfile.ZipFile(temporary, "w", method, compresslevel=1) as archive:
+        archive.comment = MARK
         for name, value in arrays.items():
             if value is not None:
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:

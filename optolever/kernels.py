@@ -43,6 +43,8 @@ T = TypeVar("T")
 _REORDER = {"contract", "reassoc", "nsz", "arcp"}
 #: Caches of older sources that stay, the latest ones: two branches of a checkout take turns.
 _KEPT = 3
+#: File of a cache of this program; its time is that of the last use.
+_MARK = ".optolever"
 
 
 def kernel(function: Callable[..., T]) -> Callable[..., T]:
@@ -144,15 +146,15 @@ def cache_folder(folder: Path) -> Path | None:
         places.append(user / "optolever")
     warmed: list[Path] = []
     for place in places:
-        found = place / f"kernels-{state.hexdigest()[:16]}"
+        found = place / f"kernels-{part.name}-{state.hexdigest()[:16]}"
         with suppress(OSError):
             found.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=found).close()
-            os.utime(found)
+            (found / _MARK).touch()
             with suppress(OSError):  # another process may take them away meanwhile
-                others = sorted(place.glob("kernels-*"), key=lambda one: one.stat().st_mtime)
-                for old in others[: -_KEPT - 1]:  # each takes some 25 MB
-                    shutil.rmtree(old, ignore_errors=True)
+                marks = place.glob(f"kernels-{part.name}-*/{_MARK}")
+                for old in sorted(marks, key=lambda one: one.stat().st_mtime)[: -_KEPT - 1]:
+                    shutil.rmtree(old.parent, ignore_errors=True)  # each takes up to 25 MB
             return _linked(warmed, found)
         with suppress(OSError):
             warmed += [found] if found not in warmed and any(found.rglob("*.nbi")) else []

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from optolever.decode import Correspondence, Flag
 from optolever.notices import Notice
 from optolever.processes import SAFE_PATH, environment
 
-from .conftest import Program
+from .conftest import Program, Refused
 
 COUNT = 3
 
@@ -78,12 +79,12 @@ def test_heights_of_many_captures_one_of_which_fails(
     assert "c1.npz" in found["c1"]["error"]
     for k in (0, 2):
         assert float(found[f"c{k}"]["z_max_mm"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
-        assert float(found[f"c{k}"]["depth"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
+        assert float(found[f"c{k}"]["depth_mm"]) == pytest.approx(0.01 * (k + 1), rel=0.1)
     times = [path.stat().st_mtime_ns for path in sorted((tmp_path / "h").glob("*.npz"))]
     (tmp_path / "c2.npz").touch()  # one capture: the others stay
     said = optolever(*args, code=2).out
     assert said.count("as before") == 1
-    assert "c0: as before" in said
+    assert re.search(r"c0  depth \S+ ± \S+ µm, .* % good, as before\n", said)
     scene.touch()  # a rig that changed is another one
     assert "as before" not in optolever(*args, code=2).out
     assert all(
@@ -215,6 +216,102 @@ def test_a_worker_that_is_slow_to_end_leaves_no_half_file(tmp_path: Path) -> Non
     worker.join(60)
     assert worker.exitcode == 130
     assert not list(tmp_path.iterdir())
+
+
+def test_results_that_are_cut_or_changed_are_done_again(
+    captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    """Nothing of theirs is deleted; one that is as its row says makes room for a new one."""
+    out, words = tmp_path / "o", ["decode", *captures, "--out", tmp_path / "o"]
+    optolever(*words)
+    (out / "c0.npz").write_bytes(b"")
+    (out / "c1.npz").write_bytes((out / "c1.npz").read_bytes()[:900])
+    (out / "c2.json").write_text("{}")
+    assert "as before" not in optolever(*words).out
+    same(captures, out)
+    assert (out / "c0.npz.aside1").read_bytes() == b""
+    assert (out / "c1.npz.aside1").stat().st_size == 900
+    assert (out / "c2.json.aside1").read_text() == "{}"
+    assert "as before" not in optolever(*words, "--again").out
+    assert len(list(out.glob("*.aside*"))) == 3
+    assert not [path for path in out.iterdir() if path.is_dir()]
+
+
+def test_an_older_result_with_files_of_others_is_refused_before_the_first_capture(
+    captures: list[Path], tmp_path: Path, optolever: Program, refused: Refused
+) -> None:
+    words = ["camera", "measure", *captures[:2], "--rig", captures[0] / "scene.toml", "--out", tmp_path / "m"]
+    optolever(*words)
+    (tmp_path / "m" / "c1" / "notes.txt").write_text("ours")
+    refused([*words, "--again"], tmp_path / "m" / "c1", "not made by this command", folder=tmp_path / "m")
+    (tmp_path / "m" / "c1" / "notes.txt").unlink()
+    (tmp_path / "m" / "c1" / "h.npz").unlink()
+    assert "as before" in optolever(*words).out
+    assert (tmp_path / "m" / "c1" / "h.npz").is_file()
+    assert (tmp_path / "m" / "c1.aside1" / "c.npz").is_file()
+
+
+def test_an_empty_folder_is_filled_and_stays_itself(
+    captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    (tmp_path / "m" / "c0").mkdir(parents=True)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "m" / "c1").symlink_to(tmp_path / "elsewhere")
+    before = (tmp_path / "m" / "c0").stat().st_ino
+    rig = captures[0] / "scene.toml"
+    optolever("camera", "measure", *captures[:2], "--rig", rig, "--out", tmp_path / "m")
+    assert (tmp_path / "m" / "c0").stat().st_ino == before
+    assert (tmp_path / "elsewhere" / "report.html").is_file()
+    assert (tmp_path / "m" / "c1").is_symlink()
+
+
+def test_every_column_has_a_unit_or_is_explained(
+    captures: list[Path], tmp_path: Path, optolever: Program, root: Path
+) -> None:
+    """In the file and in the line about a capture."""
+    decoded = captures[0].parent / "one"
+    words = ["reconstruct", decoded / "c1.npz", decoded / "c2.npz", "--scene", captures[0] / "scene.toml"]
+    said = optolever(*words, "--out", tmp_path / "h").out
+    assert re.search(r"^c2  depth [\d.]+ ± [\d.]+ µm, \d\d\.\d % good$", said, re.MULTILINE)
+    explained = set(re.findall(r"`(\w+)`", (root / "docs/reference/files.md").read_text()))
+    columns = table(tmp_path / "h")["c2"].keys()
+    assert {"depth_mm", "force_n", "area_mm2", "good_share"} <= columns
+    assert not [name for name in columns - explained if not re.search(r"_(mm2?|n|px|share)$|seconds", name)]
+
+
+def members(session: int) -> list[str]:
+    """Processes of a session, by their command lines."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, *rest = status.read_text().rpartition(")")[2].split()
+            if int(rest[2]) == session and state != "Z":
+                found.append((status.parent / "cmdline").read_text())
+    return found
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGKILL])
+def test_no_process_stays_and_what_is_done_is_known(
+    sent: signal.Signals, captures: list[Path], tmp_path: Path, optolever: Program
+) -> None:
+    """However a batch ends; then only captures that were in work, or not begun, are done."""
+    many = [tmp_path / f"c{k:03}" for k in range(40)]
+    for copy in many:
+        shutil.copytree(captures[0], copy)
+    words = ["decode", *map(str, many), "--out", str(tmp_path / "o")]
+    command = [sys.executable, "-c", "from optolever.cli import main; main()", *words, "--jobs", "2"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True) as batch:
+        while len(list((tmp_path / "o").glob("c*.npz"))) < 4:
+            assert batch.poll() is None
+            time.sleep(0.02)
+        batch.send_signal(sent)
+    time.sleep(2.0)
+    assert not members(batch.pid)
+    done = {path.stem for path in (tmp_path / "o").glob("c*.npz")}
+    assert done <= table(tmp_path / "o").keys()
+    few = [path for path in many if path.name in done]
+    again = optolever("decode", *few, "--out", tmp_path / "o").out
+    assert again.count("as before") == len(few)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 import zipfile
 from pathlib import Path
@@ -145,18 +146,32 @@ def test_an_image_without_a_home_and_with_packages_that_are_read_only(wheel: Pat
     assert "NUMBA_CACHE_DIR" in run.stdout
 
 
-def test_a_cache_that_another_process_takes_away_is_no_obstacle(
+def test_a_cache_takes_away_only_older_ones_of_the_same_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Processes that begin together after an update remove the same old caches, here a dead link."""
+    """By its mark: folders of others, of another part, and what another process takes away meanwhile stay."""
     kept, part = tmp_path / "kept", tmp_path / "part"
     kept.mkdir()
     part.mkdir()
-    (kept / "kernels-gone").symlink_to("nowhere")
+    others = [kept / "kernels-part-results", kept / "kernels-part-0123456789abcdef", kept / "kernels-mine"]
+    for other in others:
+        other.mkdir()
+        (other / "data.csv").write_text("1")
+    (kept / "kernels-part-gone").symlink_to("nowhere")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kept))
-    found = cache_folder(part)
-    assert found is not None
-    assert found.parent == kept
+    made = list[Path]()
+    for k in range(6):
+        (part / "a.py").write_text(f"# {k}")
+        cache_folder.cache_clear()
+        found = cache_folder(part)
+        assert found is not None
+        made.append(found)
+        other = cache_folder(tmp_path / "other") if k == 0 else None
+        others += [] if other is None else [other]
+        time.sleep(0.01)
+    assert {path.parent for path in made} == {kept}
+    assert [path.is_dir() for path in made] == [False, False, True, True, True, True]
+    assert all(map(Path.is_dir, others))
 
 
 WARMED = """
