@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -27,11 +27,12 @@ from scipy.ndimage import binary_erosion
 
 from optolever.decode import Correspondence, Response, decode
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays, together
+from optolever.files import save_arrays, together
 from optolever.notices import Notice
 from optolever.patterns import Frame
 from optolever.projector import Capture
 from optolever.scene import rig_table, write_sections
+from optolever.schema import load_record
 
 __all__ = ["RigResponse", "load_response", "measure_response", "store_response", "with_better_fit"]
 
@@ -315,6 +316,21 @@ def store_response(rig: str | Path, found: RigResponse) -> Path:
     return beside
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stored:
+    """RigResponse in its file."""
+
+    shown: Annotated[Floats, "K"]
+    seen: Annotated[Floats, "K"]
+    blur: float
+    black: float
+    gain: Annotated[Floats, "H W"]
+    blur_sigma: float
+    parted_sigma: float
+    vignetting: Annotated[Floats, "H W"] | None = None
+    backlight: Annotated[Floats, "rows cols"] | None = None
+
+
 def load_response(rig: str | Path) -> RigResponse:
     """The response that a rig's TOML names in [response]. InputError names the wrong file."""
     file = Path(rig)
@@ -323,12 +339,10 @@ def load_response(rig: str | Path) -> RigResponse:
     if not isinstance(name, str):
         raise InputError(f"{file}: [response] must name a file; run `optolever response`")
     beside = file.parent / name
-    numbers = ("blur", "black", "blur_sigma", "parted_sigma")
-    arrays = load_arrays(beside, ("shown", "seen", "gain", *numbers), scalars=numbers)
-    blur, black, sigma, parted = (float(arrays[name]) for name in numbers)
+    found = load_record(_Stored, beside)
     try:
-        response = Response(arrays["shown"], arrays["seen"], blur)
+        response = Response(found.shown, found.seen, found.blur)
     except InputError as error:
         raise InputError(f"{beside}: {error}") from error
-    maps = arrays.get("vignetting"), arrays.get("backlight")
-    return RigResponse(response, black, arrays["gain"], sigma, *maps, parted)
+    names = [field.name for field in fields(RigResponse)[1:]]
+    return RigResponse(response, **{name: getattr(found, name) for name in names})

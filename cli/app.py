@@ -56,8 +56,8 @@ def exit_code(call: Callable[[], Any], name: str) -> int:
         return _complain(name, f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
     except OSError as error:
         return _complain(name, f"{error.filename or 'input or output'}: {reason_of(error)}")
-    except (click.Abort, KeyboardInterrupt):
-        click.echo(f"{name}: interrupted", err=True)
+    except (click.Abort, KeyboardInterrupt) as error:
+        click.echo("; ".join([f"{name}: interrupted", *map(str, error.args)]), err=True)
         return 130
     return code if isinstance(code, int) else 0
 

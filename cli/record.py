@@ -37,7 +37,7 @@ def command(
     """
     devices = ol.projector.devices_of(rig, changes)
     numbers = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0)
-    failure: Exception | None = None
+    failure: BaseException | None = None
     with opened(rig, devices, levels_of(rig, "white")) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
@@ -50,15 +50,18 @@ def command(
             try:
                 for image, _ in arrivals.until(now.time.now() + seconds):
                     numbers["incomplete"] += not image.complete
-            except (InputError, OSError) as error:
+            except (InputError, OSError, KeyboardInterrupt) as error:
                 failure = error
             finally:
                 writer.close()
             numbers |= {"images": recorder.images, "lost": now.camera.lost, "dropped": writer.dropped}
     failure = failure or writer.failure
     if failure is not None:
+        there = f"{numbers['images']} images are in {out}"
+        if isinstance(failure, KeyboardInterrupt):
+            raise KeyboardInterrupt(there) from failure
         reason = reason_of(failure) if isinstance(failure, OSError) else failure
-        raise InputError(f"{reason}; {numbers['images']} images are in {out}") from failure
+        raise InputError(f"{reason}; {there}") from failure
     write_json(json_path, numbers)
     rows = {
         "images": f"{numbers['images']}, {number(numbers['images'] / seconds)} a second",

@@ -5,11 +5,12 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
+from optolever.schema import built
 
 from .rig_devices import opened, sequence_of
 from .show import print_notices
@@ -17,6 +18,13 @@ from .show import print_notices
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+
+class _Times(NamedTuple):
+    """Of an image."""
+
+    stamp_s: float
+    swapped_s: float
 
 
 @dataclass(frozen=True)
@@ -80,10 +88,12 @@ def capture_rig(
 
                 calls = {"on_image": recorder.image, "on_shown": note}
                 taken = tuple(now.acquire(timing, range(len(shown)), **calls))
-        except (InputError, OSError) as error:
+        except (InputError, OSError, KeyboardInterrupt) as error:
             reason = reason_of(error) if isinstance(error, OSError) else str(error)
-            again = f"optolever camera replay {record} --out DIR"
-            raise InputError(f"{reason}; what was taken so far is in {record} ({again})") from error
+            there = f"what was taken so far is in {record} (optolever camera replay {record} --out DIR)"
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(there) from error
+            raise InputError(f"{reason}; {there}") from error
         seconds, lost = now.time.now() - begin, now.camera.lost
     done = captured(taken, shown, now.accepted.bits, scene)
     with ol.files.atomic_folder(out) as folder:
@@ -162,5 +172,9 @@ def measured_lag(rig: Path, capture: Path) -> float:
     timing = ol.projector.timing_of(rig) if rig.suffix.lower() == ".toml" and times.is_file() else None
     if timing is None:
         return 0.0
-    lines = [json.loads(line) for line in times.read_text(encoding="utf-8").splitlines()]
-    return sum(timing.lag(one["stamp_s"] - one["swapped_s"]) for one in lines) / max(len(lines), 1)
+    lines = ol.files.read_lines(times, lambda line: isinstance(line, dict))
+    try:
+        taken = [built(_Times, line, f"line {number}") for number, line in enumerate(lines, 1)]
+    except InputError as error:
+        raise InputError(f"{times}: {error}") from error
+    return sum(timing.lag(one.stamp_s - one.swapped_s) for one in taken) / max(len(taken), 1)

@@ -9,12 +9,14 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.schema import from_json
 
 from .questions import Question
 from .start_front import Draw, GoTo
@@ -25,6 +27,16 @@ __all__ = ["PageFront"]
 _WAIT_S = 1.0
 _LONGEST = 4000  # bytes of an answer
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+
+
+class _Answer(NamedTuple):
+    """id: of the form; go: a step that was clicked in its place."""
+
+    id: int | None = None
+    go: str = ""
+    fields: Mapping[str, str] = MappingProxyType({})
+    number: int | None = None
+    key: str | None = None
 
 
 class PageFront:
@@ -45,7 +57,7 @@ class PageFront:
         routes.append(Route("/answer", self._answer, methods=["POST"]))
         self._web = ol.live.Web(routes, port)
         self._steps, self._program, self._new = steps, program, threading.Condition()
-        self._answers: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._answers: queue.Queue[_Answer] = queue.Queue()
         self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}
         self._forms = 0
         self._view: View | None = None
@@ -88,8 +100,8 @@ class PageFront:
                 | {"error": errors.get(one.name, "")}
                 for one in questions
             ]
-            given = self._form("ask", fields=fields).get("fields", {})
-            texts |= {one.name: str(given.get(one.name, "")).strip() or texts[one.name] for one in questions}
+            given = self._form("ask", fields=fields).fields
+            texts |= {one.name: given.get(one.name, "").strip() or texts[one.name] for one in questions}
             answers, errors = dict[str, Any](), {}
             for one in questions:
                 try:
@@ -103,16 +115,16 @@ class PageFront:
     def pick(self, text: str, options: Sequence[str], default: int = 0) -> int:
         """One of several."""
         while True:
-            number = self._form("pick", text=text, options=list(options), default=default).get("number")
-            if isinstance(number, int) and 0 <= number < len(options):
+            number = self._form("pick", text=text, options=list(options), default=default).number
+            if number is not None and 0 <= number < len(options):
                 return number
 
     def go(self, text: str, keys: Mapping[str, str]) -> str:
         """A key of these."""
         while True:
-            key = self._form("go", text=text, keys=list(keys.items())).get("key")
-            if key in keys:
-                return str(key)
+            key = self._form("go", text=text, keys=list(keys.items())).key
+            if key is not None and key in keys:
+                return key
 
     def look(self, views: Iterator[View]) -> View | None:
         """The last view before the user goes on."""
@@ -142,24 +154,24 @@ class PageFront:
         self._show(form={"id": self._forms, "kind": kind, **parts}, busy="")
         return self._forms
 
-    def _form(self, kind: str, **parts: Any) -> dict[str, Any]:
+    def _form(self, kind: str, **parts: Any) -> _Answer:
         """The answer of a form."""
         answer = self._taken(self._offer(kind, **parts))
         self._show(form=None)
         assert answer is not None
         return answer
 
-    def _taken(self, form: int, wait: bool = True) -> dict[str, Any] | None:
+    def _taken(self, form: int, wait: bool = True) -> _Answer | None:
         """The answer of the form of this number; None: none yet. GoTo where another step was clicked."""
         while True:
             try:
                 answer = self._answers.get(wait, None)
             except queue.Empty:
                 return None
-            if answer.get("go") in self._steps:
+            if answer.go in self._steps:
                 self._show(form=None, lines=[])
-                raise GoTo(str(answer["go"]))
-            if answer.get("id") == form:
+                raise GoTo(answer.go)
+            if answer.id == form:
                 return answer
 
     def _file(self, request: Any) -> Any:
@@ -181,8 +193,6 @@ class PageFront:
             return JSONResponse(self._now | {"steps": list(self._steps.items())})
 
     async def _answer(self, request: Any) -> Any:
-        import json
-
         from starlette.responses import PlainTextResponse
 
         text = b""
@@ -191,11 +201,9 @@ class PageFront:
             if len(text) > _LONGEST:
                 return PlainTextResponse(f"answer: must be at most {_LONGEST} bytes", 413)
         try:
-            answer = json.loads(text)
-        except ValueError:
-            answer = None
-        if not isinstance(answer, dict):
-            return PlainTextResponse("answer: must be an object of JSON", 400)
+            answer = from_json(_Answer, text.decode("utf-8", "replace"), "answer")
+        except InputError as error:
+            return PlainTextResponse(str(error), 400)
         self._answers.put(answer)
         return PlainTextResponse("")
 

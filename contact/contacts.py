@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.ndimage
 
-from optolever.errors import InputError
 from optolever.quantities import quantity
 from optolever.scene import Layer
+from optolever.schema import built
 
 from .arrays import Floats, Map, Mask, norm, rms
 from .elastic import ElasticFit
@@ -111,10 +111,8 @@ class Contact:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Contact":
         """The inverse of to_dict; InputError where a value is missing."""
-        try:
-            return cls(**{entry.name: values[entry.name] for entry in fields(cls) if entry.name in values})
-        except TypeError as error:
-            raise InputError(f"field 'contacts' is not readable ({error})") from error
+        found: Contact = built(cls, values, "contacts")
+        return found
 
 
 class _Dent(NamedTuple):

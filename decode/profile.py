@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import types
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from optolever.files import load_arrays, save_arrays, together
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.scene import rig_table, write_sections
+from optolever.schema import built
 
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
@@ -121,11 +121,11 @@ class RigProfile:
             path = path.parent / name
         arrays = load_arrays(path, ("profile",), ("profile",))
         try:
-            found = _unpacked(cls, json.loads(str(arrays["profile"])), arrays)
-        except (ValueError, TypeError, KeyError, AttributeError, StopIteration, InputError) as error:
-            raise InputError(f"{path}: no profile of this version; estimate it again") from error
-        if not isinstance(found, cls):
-            raise InputError(f"{path}: no profile of this version; estimate it again")
+            text = json.loads(arrays["profile"].item(), object_hook=lambda table: _whole(table, arrays))
+            found: Self = built(cls, text, "profile")
+        except (ValueError, RecursionError, InputError) as error:
+            why = f": {error}" if isinstance(error, InputError) else ""
+            raise InputError(f"{path}: no profile of this version{why}; estimate it again") from error
         return found
 
 
@@ -150,18 +150,6 @@ def _packed(value: object, name: str, arrays: dict[str, NDArray[Any]]) -> object
     return value
 
 
-def _unpacked(kind: Any, value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """Inverse of _packed for a type."""
-    if isinstance(value, dict) and set(value) == {"array"}:
-        found = arrays[value["array"]]
-        return found[()] if found.ndim == 0 else found
-    origin, parts = get_origin(kind), get_args(kind)
-    if origin in (types.UnionType,) and value is not None:
-        return _unpacked(next(part for part in parts if part is not type(None)), value, arrays)
-    if value is None or not isinstance(value, dict | list):
-        return value
-    if isinstance(value, dict):
-        hints = get_type_hints(kind)
-        return kind(**{key: _unpacked(hints[key], one, arrays) for key, one in value.items()})
-    inner = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is ... else parts
-    return tuple(_unpacked(part, one, arrays) for part, one in zip(inner, value, strict=True))
+def _whole(table: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """A table of JSON, or the array that stands there."""
+    return arrays.get(str(table["array"])) if set(table) == {"array"} else table

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from enum import IntFlag
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
-from optolever.notices import Notice, notices_from_array, notices_to_array
+from optolever.files import save_arrays
+from optolever.notices import Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
+from optolever.schema import load_record
 
 __all__ = ["Correspondence", "Flag", "SharedNoise"]
 
-Map = NDArray[np.floating[Any]]
+Map = Annotated[NDArray[np.floating[Any]], "H W"]
 
 
 class Flag(IntFlag):
@@ -75,7 +76,7 @@ class Correspondence(Comparable):
     v: Map
     sigma_u: Map
     sigma_v: Map
-    flags: NDArray[np.uint16]
+    flags: Annotated[NDArray[np.uint16], "H W"]
     amplitude: Map | None = None
     offset: Map | None = None
     order_error: Map | None = None
@@ -107,17 +108,7 @@ class Correspondence(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what save() wrote; InputError names the file and the field."""
-        required = tuple(field.name for field in fields(cls) if field.default is MISSING)
-        arrays: dict[str, Any] = load_arrays(path, required)
-        known = {field.name for field in fields(cls)} & set(arrays)
-        try:
-            if "notices" in known:
-                arrays["notices"] = notices_from_array(arrays["notices"])
-            if "shared_noise" in known:
-                arrays["shared_noise"] = _shared_noise(arrays["shared_noise"])
-            return cls(**{name: arrays[name] for name in known})
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+        return load_record(cls, path, ("notices",), shared_noise=_shared_noise)
 
     def __repr__(self) -> str:
         good = self.good

@@ -3,6 +3,7 @@
 Every frame starts from rest: a state with holes or wrong fringe orders would persist from frame to frame."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -46,9 +47,9 @@ class Rig:
     mirror: Linearised
     rest: State
     noise: float
-    gradient: Cells
-    normal: Cells
-    rim: Mask
+    gradient: Annotated[Cells, "4 R C"]
+    normal: Annotated[Cells, "R C"]
+    rim: Annotated[Mask, "R C"]
 
     @property
     def lit(self) -> Mask:

@@ -10,7 +10,7 @@ Cells that are trusted less weigh less: then conjugate gradients, with that solv
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 
@@ -36,14 +36,14 @@ class Linearised:
     integrating factor E; root: its square root; along (C,), across (C,): weights of the edges by column;
     anchor (3, R, C): weights of tau, p and q in the mean that is zero."""
 
-    planes: Cells
-    steps: Cells
-    slopes: Cells
-    factor: Cells
-    root: Cells
-    along: Cells
-    across: Cells
-    anchor: Cells
+    planes: Annotated[Cells, "18 R C"]
+    steps: Annotated[Cells, "2 3"]
+    slopes: Annotated[Cells, "2 R C"]
+    factor: Annotated[Cells, "R C"]
+    root: Annotated[Cells, "R C"]
+    along: Annotated[Cells, "C"]
+    across: Annotated[Cells, "C"]
+    anchor: Annotated[Cells, "3 R C"]
 
     @cached_property
     def _columns(self) -> ColumnPoisson:

@@ -12,6 +12,7 @@ smoothing (van Cittert)."""
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -21,9 +22,10 @@ from optolever.kernels import allocates, inlined, kernel
 
 from .arrays import Cells, Frame, Pixels
 
-__all__ = ["Carriers", "Fit", "State", "fit_step", "model", "to_cells", "window_mean"]
+__all__ = ["CELLS", "Carriers", "Fit", "State", "fit_step", "model", "to_cells", "window_mean"]
 
 _f4 = np.float32
+CELLS = (1, 2, 4, 8)  # pixels along the side of a cell
 _BLOCK = 24  # rows of cells a thread takes at a time
 _LEAST_SHARE = 0.02  # of a window: below it the sums are divided by this
 
@@ -39,13 +41,13 @@ class Carriers:
 
     period: float
     cell: int
-    window: Cells
-    turn_u: Pixels
-    turn_v: Pixels
-    lit: Pixels
-    ends: Cells
+    window: Annotated[Cells, "taps"]
+    turn_u: Annotated[Pixels, "H W"]
+    turn_v: Annotated[Pixels, "H W"]
+    lit: Annotated[Pixels, "H W"]
+    ends: Annotated[Cells, "4"]
     full: float
-    share: Cells
+    share: Annotated[Cells, "R C"]
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -74,7 +76,7 @@ class Carriers:
 class State:
     """The model's unknowns, planes (5, R, C): du, dv (turns), level, amplitude_u, amplitude_v (levels)."""
 
-    planes: Cells
+    planes: Annotated[Cells, "5 R C"]
 
     @property
     def displacement(self) -> Cells:

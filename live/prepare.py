@@ -22,7 +22,7 @@ from .chain import LEAST_SHARE, Rig, rest_state, settle
 from .chord import linearised
 from .circulation import BLOCKS, circulations
 from .geometry import anchor_line, rest_rays, rim
-from .picture import Carriers, State, model, to_cells, window_mean
+from .picture import CELLS, Carriers, State, model, to_cells, window_mean
 from .prepared import Noise, Prepared
 from .rig_errors import relative_error
 from .rig_motion import fitted, rig_motion
@@ -36,7 +36,6 @@ _DRAWS, _KEPT = 48, 12
 _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
-_CELLS = (1, 2, 4, 8)
 _WHOLE = 0.999  # share of a cell's window that is lit
 _ELSEWHERE, _FEW = 0.05, 0.03  # periods: ten times what a fringe at rest shows; share of the cells
 _PLACED = 0.25  # periods: sigma of the rest map, at most
@@ -61,8 +60,8 @@ def prepare(
     InputError where the arguments do not match."""
     period = _period(scene, sequence)
     frames, others = _agreeing(_frames(scene, rest_frames, rest_map))
-    if cell not in _CELLS:
-        raise InputError(f"cell = {cell}: must be one of {_CELLS}")
+    if cell not in CELLS:
+        raise InputError(f"cell = {cell}: must be one of {CELLS}")
     side = (max(BLOCKS) + 1) * cell
     if min(frames.shape[1:]) < side:
         size, least = "{} x {}".format(*frames.shape[1:]), f"{side} x {side}"

@@ -1,9 +1,9 @@
 """Prepared: the precomputed record of a rig at rest, and its file."""
 
 import typing
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
@@ -11,9 +11,11 @@ from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.scene import Layer
+from optolever.schema import built
 
 from .arrays import Cells, Float
 from .chain import Rig
+from .picture import CELLS
 
 __all__ = ["Noise", "Prepared"]
 
@@ -27,10 +29,10 @@ class Noise:
     figure's sigma; displacement (2,), turns^2: variance of a cell's displacement, and the variance with which
     independent cells would make a fit of all cells scatter as much as it does."""
 
-    sigma: Cells
-    curl: Float
-    draws: Cells
-    displacement: Cells
+    sigma: Annotated[Cells, "R C"]
+    curl: Annotated[Float, "2"]
+    draws: Annotated[Cells, "K R C"]
+    displacement: Annotated[Cells, "2"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -44,7 +46,7 @@ class Prepared:
     noise: Noise
     rows: int
     cols: int
-    points: Cells
+    points: Annotated[Cells, "3 R C"]
     area: float
     edge: float
     error: float | None = None
@@ -70,18 +72,26 @@ class Prepared:
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, ("rows", "cols", "area", "rig.carriers.share"))
-        kept = notices_from_array(arrays.pop("notices")) if "notices" in arrays else ()
+        arrays, tree = load_arrays(path, ("rows", "cols", "area", "rig.carriers.share")), dict[str, Any]()
         try:
-            made: Self = _built(cls, arrays, "", {"notices": kept})
-        except KeyError as error:
-            raise InputError(f"{path}: field {error.args[0]!r} is missing") from error
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{path}: not what `live` saved ({error})") from error
-        shape = made.rig.carriers.shape
-        for name in ("rig.rest.planes", "noise.sigma", "points", "rig.mirror.planes"):
-            if arrays[name].shape[-2:] != shape:
-                raise InputError(f"{path}: {name} is {arrays[name].shape}, must be of {shape} cells")
+            for name, value in arrays.items():
+                *parents, last = name.split(".")
+                branch = tree
+                for parent in parents:
+                    branch = branch.setdefault(parent, {})
+                branch[last] = [*map(asdict, notices_from_array(value))] if name == "notices" else value
+            made: Self = built(cls, tree, "")
+            carriers = made.rig.carriers
+            rows, cols = (carriers.cell * cells for cells in carriers.shape)
+            if carriers.cell not in CELLS or carriers.lit.shape != (rows, cols):
+                found = f"has {carriers.lit.shape} pixels in cells of {carriers.cell}"
+                raise InputError(f"rig.carriers {found}, must be {rows} x {cols} in cells of {CELLS}")
+            if not (rows <= made.rows < rows + carriers.cell and cols <= made.cols < cols + carriers.cell):
+                raise InputError(
+                    f"rows, cols are {made.rows}, {made.cols}, must be {rows}, {cols} or one more"
+                )
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
         return made
 
 
@@ -93,20 +103,3 @@ def _flat(record: Any, prefix: str) -> typing.Iterator[tuple[str, Any]]:
             yield from _flat(value, f"{name}.")
         elif field.name != "notices" and value is not None:
             yield name, value
-
-
-def _built(kind: Any, arrays: dict[str, Any], prefix: str, given: dict[str, Any] | None = None) -> Any:
-    """Inverse of _flat. KeyError of a name that is not there."""
-    values = dict(given or {})
-    for name, hint in typing.get_type_hints(kind).items():
-        whole, options = prefix + name, typing.get_args(hint) or (hint,)
-        if name in values:
-            continue
-        if type(None) in options and not any(f"{key}.".startswith(f"{whole}.") for key in arrays):
-            values[name] = None
-        elif is_dataclass(options[0]):
-            values[name] = _built(options[0], arrays, f"{whole}.")
-        else:
-            value = arrays[whole]
-            values[name] = options[0](value[()]) if options[0] in (int, float, bool) else value
-    return kind(**values)

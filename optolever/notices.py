@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
+from optolever.schema import from_json
 
 __all__ = ["Judged", "Notice", "notices_from_array", "notices_to_array"]
 
@@ -69,7 +69,4 @@ def notices_to_array(notices: Iterable[Notice]) -> NDArray[np.str_]:
 
 def notices_from_array(lines: NDArray[Any]) -> tuple[Notice, ...]:
     """Inverse of notices_to_array. InputError if a line is no notice."""
-    try:
-        return tuple(Notice(**json.loads(str(line))) for line in np.atleast_1d(lines))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"notices: not readable ({error})") from error
+    return tuple(from_json(Notice, line, "notices") for line in np.atleast_1d(lines).tolist())

@@ -19,17 +19,18 @@ import threading
 import time
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, fields
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from optolever.errors import InputError
+from optolever.errors import InputError, reason_of
 from optolever.files import growing_file, read_lines, require_new_folder
+from optolever.schema import built
 
 from .devices import Accepted, Image, Shown, no_pixels
 
@@ -40,13 +41,62 @@ _WAITING = 256 << 20
 _PAGES, _LOG = "frames.zst", "log.jsonl"
 _KEY_S = 1.0  # from key to key
 _LEVEL = 1  # of Zstandard: 3.6 bits a pixel of a still picture with photon noise; higher ones are no smaller
-_NEEDED = {
-    "recording": {"version"},
-    "configured": {"exposure_s", "rows", "cols"},
-    "shown": {"index", "swapped_s"},
-    "image": {"id", "device_s", "arrived_s", "stamp_s", "complete", "why"},
-}
-_BLOCK = {"page", "at", "bytes", "key", "rows", "cols", "bits", "crc32"}
+_OF_IMAGE = ("id", "device_s", "arrived_s", "complete", "why")
+_MOST = 1 << 40  # bytes of a file
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Where the pixels of an image are, and of what kind."""
+
+    page: int
+    at: int
+    bytes: int
+    key: bool
+    rows: int
+    cols: int
+    bits: Literal[8, 16]
+    crc32: int
+
+    def __post_init__(self) -> None:
+        numbers = self.at, self.bytes, self.rows, self.cols
+        if min(numbers) < 0 or max(*numbers, self.size) > _MOST:
+            wrong = f"at {self.at}, {self.bytes} bytes, {self.rows} x {self.cols} pixels"
+            raise InputError(f"page {self.page}: {wrong}: no place of an image")
+
+    @property
+    def size(self) -> int:
+        """Bytes of the pixels."""
+        return self.rows * self.cols * self.bits // 8
+
+
+@dataclass(frozen=True, slots=True)
+class _ImageLine:
+    """What a line says of an image."""
+
+    id: int | None
+    device_s: float | None
+    arrived_s: float
+    stamp_s: float
+    complete: bool
+    why: str
+    reading: Mapping[str, Any] | None = None
+    block: _Block | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _About:
+    """What every recording says first; others' fields are theirs."""
+
+    wall_less_monotonic_s: float
+    camera: str = ""
+    refresh_s: float | None = None
+    rig: str = ""
+    sequence: Mapping[str, Any] | None = None
+    timing: Mapping[str, Any] | None = None
+
+
+_EVENTS: dict[str, Any] = {"recording": _About, "configured": Accepted, "shown": Shown, "image": _ImageLine}
 
 
 class Recorder:
@@ -62,7 +112,11 @@ class Recorder:
         self._at, self._lines, self._key_s = 0, 0, 0.0
         self.images = 0
         wall = time.time() - time.monotonic()
-        self._line("recording", {"version": _VERSION, "wall_less_monotonic_s": wall, **about})
+        try:
+            self._line("recording", {"version": _VERSION, "wall_less_monotonic_s": wall, **about})
+        except OSError:
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -100,9 +154,10 @@ class Recorder:
         key = before is None or before.shape != pixels.shape or before.dtype != pixels.dtype
         key = key or not 0 <= image.arrived_s - self._key_s < _KEY_S
         block = self._compressor.compress(_packed(pixels if key else pixels - before))
-        self._file.seek(self._at)  # a part of one may be written
-        self._file.write(block)
-        self._file.flush()
+        with self._blamed():
+            self._file.seek(self._at)  # a part of one may be written
+            self._file.write(block)
+            self._file.flush()
         rows, cols = pixels.shape
         place = {"page": self.images, "at": self._at, "bytes": len(block), "key": key}
         self._before, self._at, self.images = pixels.copy(), self._at + len(block), self.images + 1
@@ -110,15 +165,24 @@ class Recorder:
         return place | {"rows": rows, "cols": cols, "bits": bits, "crc32": zlib.crc32(pixels.data)}
 
     def _line(self, event: str, values: Mapping[str, Any]) -> None:
-        self._log.write(json.dumps({"event": event, "line": self._lines, **values}) + "\n")
-        self._log.flush()
+        with self._blamed():
+            self._log.write(json.dumps({"event": event, "line": self._lines, **values}) + "\n")
+            self._log.flush()
         self._lines += 1
+
+    @contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """What the system refuses is of the folder."""
+        try:
+            yield
+        except OSError as error:
+            raise OSError(error.errno, reason_of(error), str(self.folder)) from error
 
     def close(self) -> None:
         """Close the files; a recording that was not closed is readable up to its last line."""
-        self._log.close()
-        with suppress(OSError):  # of a full disk, again
-            self._file.close()
+        for each in (self._log, self._file):
+            with suppress(OSError):  # of a full disk, again
+                each.close()
 
 
 def _packed(pixels: NDArray[Any]) -> bytes:
@@ -127,11 +191,11 @@ def _packed(pixels: NDArray[Any]) -> bytes:
     return pixels.astype(f"<u{size}", copy=False).view(np.uint8).reshape(-1, size).T.tobytes()
 
 
-def _unpacked(data: bytes, line: Mapping[str, Any]) -> NDArray[Any]:
+def _unpacked(data: bytes, line: _Block) -> NDArray[Any]:
     """Inverse of _packed. ValueError of another size."""
-    size = int(line["bits"]) // 8
+    size = line.bits // 8
     planes = np.frombuffer(data, np.uint8).reshape(size, -1).T
-    pixels = np.ascontiguousarray(planes).view(f"<u{size}").reshape(line["rows"], line["cols"])
+    pixels = np.ascontiguousarray(planes).view(f"<u{size}").reshape(line.rows, line.cols)
     return pixels.astype(f"u{size}")
 
 
@@ -192,35 +256,37 @@ class Recording:
         log = self.folder / _LOG
         if not log.is_file():
             raise InputError(f"{self.folder}: no recording, {_LOG} is missing")
-        self._lines = read_lines(log, _is_whole)
+        lines = read_lines(log, _is_event)
         self._decompressor = zstandard.ZstdDecompressor()
-        if not self._lines or self._lines[0].get("version") != _VERSION:
+        self.about: Mapping[str, Any] = lines[0] if lines else {}
+        if self.about.get("version", _VERSION) != _VERSION:
             raise InputError(f"{log}: the first line must state version {_VERSION}")
-        for k, line in enumerate(self._lines):
-            if line.get("line") != k:
-                what = "is missing" if line.get("line", -1) > k else "has been moved"
-                raise InputError(
-                    f"{log}: line {k + 1} {what}: the one there states {line.get('line')}, not {k}"
-                )
-        self.about = self._lines[0]
-        settings = [line for line in self._lines if line["event"] == "configured"]
-        self.accepted = None if not settings else Accepted(**_plain(settings[-1], Accepted))
+        try:
+            self._events = [_event(line, number) for number, line in enumerate(lines)]
+        except InputError as error:
+            raise InputError(f"{log}: {error}") from error
+        if not len(self):
+            raise InputError(f"{self.folder}: stopped before its first image; record again")
+        settings = [event for event in self._events if isinstance(event, Accepted)]
+        self.accepted = settings[-1] if settings else None
 
     def __len__(self) -> int:
         """Images, complete or not."""
-        return sum(line["event"] == "image" for line in self._lines)
+        return sum(isinstance(event, _ImageLine) for event in self._events)
 
     def __iter__(self) -> Iterator[Shown | Logged]:
         """Swaps and images in their order. InputError of an image whose pixels are not those of its line."""
         with ExitStack() as open_files:
             blocks, before = self._blocks(open_files), None
-            for line in self._lines:
-                if line["event"] == "shown":
-                    yield Shown(**_plain(line, Shown))
-                elif line["event"] == "image":
-                    image = self._image(line, blocks, before)
-                    before = image.pixels if image.complete else before
-                    yield Logged(image, line["stamp_s"], line.get("reading"))
+            for event in self._events:
+                if isinstance(event, Shown):
+                    yield event
+                elif isinstance(event, _ImageLine):
+                    pixels = no_pixels()
+                    if event.block is not None and blocks is not None:
+                        pixels = before = self._pixels(event.block, blocks, before)
+                    values = {name: getattr(event, name) for name in _OF_IMAGE}
+                    yield Logged(Image(pixels, **values), event.stamp_s, event.reading)
 
     def images(self) -> Iterator[Logged]:
         """Images in their order."""
@@ -228,42 +294,42 @@ class Recording:
 
     def _blocks(self, open_files: ExitStack) -> BinaryIO | None:
         """The file, open; None where no image has a block."""
-        if not any("page" in line for line in self._lines):
+        if not any(isinstance(event, _ImageLine) and event.complete for event in self._events):
             return None
         try:
             return open_files.enter_context((self.folder / _PAGES).open("rb"))
         except OSError as error:
             raise InputError(f"{self.folder / _PAGES}: not readable ({error})") from error
 
-    def _image(self, line: Mapping[str, Any], blocks: BinaryIO | None, before: NDArray[Any] | None) -> Image:
-        pixels = no_pixels()
-        if "page" in line and blocks is not None:
-            page, where = line["page"], self.folder / _PAGES
-            blocks.seek(line["at"])
-            block = blocks.read(line["bytes"])
-            if len(block) < line["bytes"]:
-                raise InputError(f"{where}: page {page} is missing, its line is there")
-            try:
-                size = line["rows"] * line["cols"] * line["bits"] // 8
-                pixels = _unpacked(self._decompressor.decompress(block, max_output_size=size), line)
-                if not line["key"]:
-                    if before is None or before.shape != pixels.shape:
-                        raise ValueError("the image before it is another one")
-                    pixels = before.astype(pixels.dtype) + pixels
-            except (ValueError, zstandard.ZstdError) as error:
-                raise InputError(f"{where}: page {page} is damaged ({error})") from error
-            if zlib.crc32(pixels.tobytes()) != line["crc32"]:
-                raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line['crc32']}")
-        names = ("id", "device_s", "arrived_s", "complete", "why")
-        return Image(pixels, **{name: line[name] for name in names})
+    def _pixels(self, line: _Block, blocks: BinaryIO, before: NDArray[Any] | None) -> NDArray[Any]:
+        page, where = line.page, self.folder / _PAGES
+        blocks.seek(line.at)
+        block = blocks.read(line.bytes)
+        if len(block) < line.bytes:
+            raise InputError(f"{where}: page {page} is missing, its line is there")
+        try:
+            pixels = _unpacked(self._decompressor.decompress(block, max_output_size=line.size), line)
+            if not line.key:
+                if before is None or before.shape != pixels.shape:
+                    raise ValueError("the image before it is another one")
+                pixels = before.astype(pixels.dtype) + pixels
+        except (ValueError, zstandard.ZstdError) as error:
+            raise InputError(f"{where}: page {page} is damaged ({error})") from error
+        if zlib.crc32(pixels.tobytes()) != line.crc32:
+            raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line.crc32}")
+        return pixels
 
 
-def _is_whole(line: Any) -> bool:
-    """Whether a line has the names that its event needs; an image that is complete has a page."""
-    names = line.keys()
-    return _NEEDED[line["event"]] <= names and (not line.get("complete") or names >= _BLOCK)
+def _is_event(line: Any) -> bool:
+    return line["event"] in _EVENTS
 
 
-def _plain(line: Mapping[str, Any], record: type[Accepted | Shown]) -> dict[str, Any]:
-    values = {field.name: line[field.name] for field in fields(record) if field.name in line}
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+def _event(line: Mapping[str, Any], number: int) -> Any:
+    """What a line says, as a record. InputError, which begins with its place in the log (from 0)."""
+    where = f"line {number + 1}"
+    stated = built(int, line.get("line", -1), f"{where}.line")
+    if stated != number:
+        what = "is missing" if stated > number else "has been moved"
+        raise InputError(f"{where} {what}: the one there states {stated}, not {number}")
+    found = built(_EVENTS[line["event"]], line, where)
+    return replace(found, block=built(_Block, line, where)) if getattr(found, "complete", False) else found

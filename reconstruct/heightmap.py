@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import IntFlag
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from optolever.contact import Contact
 from optolever.decode import Flag
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
 from optolever.maps import MESHES, chosen, write_tiff
-from optolever.notices import Judged, Notice, notices_from_array, notices_to_array
+from optolever.notices import Judged, Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
+from optolever.schema import from_json, load_record
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
@@ -33,7 +34,6 @@ HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 REST_NOISE = "noise of the rest capture in sag and motion"
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
 _SINGLE = ("x", "y", "z", "sigma", "lean", "shared", "free")  # float32 in files
-_TEXTS = ("notices", "diagnostics", "sources", "references", "contacts")
 
 
 class HeightFlag(IntFlag):
@@ -88,13 +88,8 @@ class Diagnostics:
     @classmethod
     def from_json(cls, text: str) -> Diagnostics:
         """The inverse of to_json; unknown entries are skipped."""
-        known = {entry.name for entry in fields(cls)}
-        try:
-            values = {name: value for name, value in json.loads(text).items() if name in known}
-            listed = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-            return cls(**values | listed)
-        except (ValueError, TypeError, AttributeError) as error:
-            raise InputError(f"field 'diagnostics' is not readable ({error})") from error
+        found: Diagnostics = from_json(cls, text, "diagnostics")
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -126,31 +121,32 @@ class HeightMap(Comparable):
     middle of a mirror whose edge is not seen; None: it is none.
     """
 
-    x: Floats
-    y: Floats
-    z: Floats
-    sigma: Floats
-    flags: NDArray[np.uint16]
+    x: Annotated[Floats, "H W"]
+    y: Annotated[Floats, "H W"]
+    z: Annotated[Floats, "H W"]
+    sigma: Annotated[Floats, "H W"]
+    flags: Annotated[NDArray[np.uint16], "H W"]
     diagnostics: Diagnostics = field(default_factory=lambda: Diagnostics("unknown"))
     lean: Lean | None = None
     notices: tuple[Notice, ...] = ()
     tests: tuple[Judged, ...] = ()
-    modes: Modes | None = None
+    modes: Annotated[Modes, "r rows cols"] | None = None
     modes_step: int = 1
     sources: tuple[str, ...] = ()
-    shares: Floats | None = None
-    displacement: Floats | None = None
+    shares: Annotated[Floats, "s r r"] | None = None
+    displacement: Annotated[Floats, "m 2 3"] | None = None
     own: int = 0
     references: tuple[str, ...] = ()
-    shared: Floats | None = None
+    shared: Annotated[Floats, "k H W"] | None = None
     sinking: float = 0.0
     contacts: tuple[Contact, ...] | None = None
-    free: Floats | None = None
+    free: Annotated[Floats, "H W"] | None = None
 
     def __post_init__(self) -> None:
         shape, count, step = np.shape(self.z), self.count, self.modes_step
-        if len(shape) != 2 or step < 1:
-            raise InputError(f"height map: z has shape {shape}, must be 2-D; modes_step = {step}, at least 1")
+        if len(shape) != 2 or step < 1 or not 0 <= self.own <= count:
+            steps = f"modes_step = {step}, at least 1; own = {self.own}, 0 to {count}"
+            raise InputError(f"height map: z has shape {shape}, must be 2-D; {steps}")
         moves = count if self.displacement is None else max(count, len(self.displacement))
         shapes: dict[str, tuple[tuple[int, ...], ...]] = {
             **dict.fromkeys(_ARRAYS, (shape,)),
@@ -331,30 +327,13 @@ class HeightMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> HeightMap:
         """Read what save() wrote, maps as float64; InputError names the file and the field."""
-        arrays: dict[str, Any] = load_arrays(path, _ARRAYS, _TEXTS, ("own", "modes_step", "sinking"))
-        try:
-            _require_sound(arrays)
-            arrays.pop("tests", None)
-            values = {entry.name: arrays[entry.name] for entry in fields(cls) if entry.name in arrays}
-            values |= {name: np.asarray(values[name], np.float64) for name in _SINGLE if name in values}
-            values |= {name: int(values[name]) for name in ("own", "modes_step") if name in values}
-            if "sinking" in values:
-                values["sinking"] = float(values["sinking"])
-            for name in ("sources", "references"):
-                values[name] = tuple(map(str, np.atleast_1d(values.get(name, ()))))
-            if "notices" in values:
-                values["notices"] = notices_from_array(values["notices"])
-            if "contacts" in values:
-                try:
-                    found = json.loads(str(values["contacts"]))
-                except ValueError as error:
-                    raise InputError(f"field 'contacts' is not readable ({error})") from error
-                values["contacts"] = tuple(Contact.from_dict(one) for one in found)
-            if "diagnostics" in values:
-                values["diagnostics"] = Diagnostics.from_json(str(values["diagnostics"]))
-            return cls(**values)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+        found = load_record(cls, path, ("notices", "diagnostics", "contacts"), tests=lambda _: ())
+        for name in ("x", "y", "z"):
+            values = getattr(found, name)
+            for row, col in np.argwhere(found.good & ~np.isfinite(values))[:1]:
+                wrong = f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag"
+                raise InputError(f"{path}: {wrong}")
+        return found
 
     def export(self, path: str | Path, pitch_mm: float | None = None, **more: Floats) -> None:
         """Write in the format of the suffix, one of HEIGHT_FORMATS; InputError names these. more: see `save`.
@@ -381,25 +360,3 @@ def _differences(one: Floats, other: Floats) -> Floats:
     rows = [np.nan_to_num(each).reshape(count, first[0].size if count else 0) for each in (first, second)]
     left, _, right = np.linalg.svd(rows[0] @ rows[1].T)
     return np.asarray(first - np.tensordot(left @ right, second, 1))
-
-
-def _require_sound(arrays: dict[str, Any]) -> None:
-    """InputError for a file's field of another kind or dimension, and for pixels without a flag that have no
-    numbers."""
-    flags = arrays["flags"]
-    if flags.dtype.kind not in "iu":
-        raise InputError(f"flags is {flags.dtype}, must be integer")
-    for name in ("own", "modes_step"):
-        if name in arrays and not 0 <= arrays[name] < 2**16:
-            raise InputError(f"{name} is {arrays[name]}, must be a whole number from 0")
-    if not 0 <= arrays.get("sinking", 0.0) < math.inf:
-        raise InputError(f"sinking is {arrays['sinking']}, must be a length from 0, mm")
-    for name in (*_SINGLE, "modes", "displacement", "shares"):
-        if name in arrays and np.ndim(arrays[name]) < 2:
-            raise InputError(f"{name} has shape {np.shape(arrays[name])}, must have two dimensions or more")
-    for name in ("x", "y", "z"):
-        values = arrays[name]
-        if values.shape != flags.shape or flags.ndim != 2:  # said by the map itself
-            continue
-        for row, col in np.argwhere((flags == 0) & ~np.isfinite(values))[:1]:
-            raise InputError(f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag")

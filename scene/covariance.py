@@ -13,7 +13,8 @@ from typing import Annotated
 import numpy as np
 
 from optolever import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
+from optolever.schema import load_record
 
 from .record import Float, Record, freeze, non_negative
 
@@ -61,11 +62,11 @@ class Covariance(Record):
     """
 
     names: tuple[str, ...]
-    matrix: Float
+    matrix: Annotated[Float, "p p"]
     chi: float = 1.0
     gauge: str = ""
     sources: tuple[str, ...] = ()
-    parts: Float | None = None
+    parts: Annotated[Float, "s p p"] | None = None
     date: str = ""
 
     def __post_init__(self) -> None:
@@ -134,13 +135,4 @@ class Covariance(Record):
     @classmethod
     def load(cls, path: str | Path) -> Covariance:
         """Read a file of `save`; InputError names the file and its fault."""
-        arrays = load_arrays(
-            path, ("names", "matrix", "chi", "gauge"), ("names", "gauge", "sources"), ("chi",)
-        )
-        names = tuple(str(name) for name in np.atleast_1d(arrays["names"]))
-        sources = tuple(str(name) for name in np.atleast_1d(arrays.get("sources", ())))
-        known = arrays["matrix"], float(arrays["chi"]), str(arrays["gauge"])
-        try:
-            return cls(names, *known, sources, arrays.get("parts"))
-        except (InputError, TypeError, ValueError) as error:
-            raise InputError(f"{path}: {error}") from error
+        return load_record(cls, path)

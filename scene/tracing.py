@@ -3,16 +3,16 @@ far a view moves across a pixel."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.blocks import over_rows
-from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
 from optolever.memory import require_room
 from optolever.records import Axes, Comparable, plot_maps, span
+from optolever.schema import load_record
 
 from .meeting import Bounds, bounds_of, first_meeting, meets_again
 from .record import Float
@@ -32,14 +32,14 @@ class Trace(Comparable):
     camera's side; incidence: angle between ray and normal (rad); visible: bool.
     """
 
-    u: Float
-    v: Float
-    x: Float
-    y: Float
-    z: Float
-    normal: Float
-    incidence: Float
-    visible: NDArray[np.bool_]
+    u: Annotated[Float, "H W"]
+    v: Annotated[Float, "H W"]
+    x: Annotated[Float, "H W"]
+    y: Annotated[Float, "H W"]
+    z: Annotated[Float, "H W"]
+    normal: Annotated[Float, "H W 3"]
+    incidence: Annotated[Float, "H W"]
+    visible: Annotated[NDArray[np.bool_], "H W"]
 
     def __repr__(self) -> str:
         rows, cols = self.visible.shape
@@ -62,13 +62,7 @@ class Trace(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> "Trace":
         """Read a file of `save`; InputError if it is another."""
-        arrays = load_arrays(path, _FIELDS)
-        shape = arrays["u"].shape
-        for name in _FIELDS:
-            wanted = (*shape, 3) if name == "normal" else shape
-            if len(shape) != 2 or arrays[name].shape != wanted:
-                raise InputError(f"{path}: {name} has shape {arrays[name].shape}, u {shape}; must be (H, W)")
-        return cls(**{name: arrays[name] for name in _FIELDS})
+        return load_record(cls, path)
 
 
 _FIELDS = ("u", "v", "x", "y", "z", "normal", "incidence", "visible")

@@ -7,7 +7,7 @@ the residuals, but shift no phase by it. So what residuals of a sample share wit
 first three harmonics of the phase is regressed out of them; the rest of the bulk scales the phase's variance.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +52,9 @@ class Misfit(NamedTuple):
     at measured phases from -1/2 on; empty: without."""
 
     scale: float
-    terms: F64
+    terms: Annotated[F64, "N 9"]
     variance: float = 0.0
-    bend: F64 = np.zeros((2, 0))
+    bend: Annotated[F64, "2 B"] = np.zeros((2, 0))
 
 
 class FringeTable(NamedTuple):

@@ -1,8 +1,12 @@
 """Files damaged at random: their bytes, or what they say, which stays readable and gets past the readers."""
 
+import json
+import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from copy import deepcopy
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +30,10 @@ _BYTES = 0.2
 
 
 def damage(rng: np.random.Generator, path: Path) -> None:
-    """Damage a file of TOML, arrays, HDF5 or a picture, or pictures in a folder, as suits it."""
-    ways = {".toml": _damage_toml, ".npz": _damage_npz, ".h5": _damage_hdf5}
+    """Damage a file of TOML, JSON lines, arrays, HDF5, text or a picture, or pictures in a folder."""
+    ways = {".toml": _damage_toml, ".jsonl": _damage_lines, ".npz": _damage_npz, ".h5": _damage_hdf5}
+    ways |= {".npy": _damage_npy, **dict.fromkeys((".csv", ".sdf", ".wft"), _damage_text)}
+    ways |= dict.fromkeys((".zst", ".x3p", ".dat"), _damage_bytes)
     if path.is_dir():
         _damage_frames(rng, path)
     elif rng.random() < _BYTES:
@@ -64,14 +70,49 @@ def _damage_bytes(rng: np.random.Generator, path: Path) -> None:
 def _damage_toml(rng: np.random.Generator, path: Path) -> None:
     """Move, replace, exchange, drop or repeat values; what is written is TOML."""
     values = tomllib.loads(path.read_text(encoding="utf-8"))
+    _damage_values(rng, values, _VALUES)
+    path.write_text(tomli_w.dumps(values), encoding="utf-8")
+
+
+def _damage_lines(rng: np.random.Generator, path: Path) -> None:
+    """One of the lines of JSON; or two of them exchanged, one dropped, one repeated."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    i, j, way = int(rng.integers(len(lines))), int(rng.integers(len(lines))), rng.random()
+    if way < 0.7:
+        lines[i] = _damaged_json(rng, lines[i])
+    elif way < 0.8:
+        lines[i], lines[j] = lines[j], lines[i]
+    else:
+        lines[i : i + 1] = [] if way < 0.9 else [lines[i]] * 2
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _damaged_json(rng: np.random.Generator, text: str) -> str:
+    """Values as of TOML, and null."""
+    holder = [json.loads(text)]
+    plain = [each for each in _VALUES if not isinstance(each, date)]
+    _damage_values(rng, holder, (*plain, None))
+    return json.dumps(holder[0] if holder else None)
+
+
+def _damage_text(rng: np.random.Generator, path: Path) -> None:
+    """One of its numbers or words."""
+    words = re.split(r"([\s,=]+)", path.read_text(encoding="ascii"))
+    words[2 * int(rng.integers((len(words) + 1) // 2))] = str(rng.choice([*EXTREMES, ""]))
+    path.write_text("".join(words), encoding="ascii")
+
+
+def _damage_values(rng: np.random.Generator, values: Any, extremes: Sequence[Any]) -> None:
+    """Move, replace, exchange, drop or repeat values of a tree of tables and lists."""
     for _ in range(rng.integers(1, 4)):
-        places = list(_places(values))
+        if not (places := list(_places(values))):
+            return
         holder, key = places[int(rng.integers(len(places)))]
         value, way = holder[key], rng.random()
         if way < 0.6 and isinstance(value, int | float):
             holder[key] = type(value)(value * float(np.exp(rng.choice(_SCALES) * rng.standard_normal())))
         elif way < 0.8:
-            holder[key] = deepcopy(_VALUES[int(rng.integers(len(_VALUES)))])
+            holder[key] = deepcopy(extremes[int(rng.integers(len(extremes)))])
         elif way < 0.9:
             other, name = places[int(rng.integers(len(places)))]
             holder[key] = deepcopy(other[name])  # a table is never its own part
@@ -79,7 +120,6 @@ def _damage_toml(rng: np.random.Generator, path: Path) -> None:
             del holder[key]
         else:
             holder.append(value)
-    path.write_text(tomli_w.dumps(values), encoding="utf-8")
 
 
 def _places(values: Any) -> Iterator[tuple[Any, Any]]:
@@ -135,10 +175,22 @@ def _damage_npz(rng: np.random.Generator, path: Path) -> None:
         arrays = {name: archive[name] for name in archive.files}
     name = str(rng.choice(list(arrays)))
     value = arrays.pop(name)
-    if rng.random() < 0.9:
+    if value.dtype.kind == "U" and value.size and rng.random() < 0.8:
+        lines = np.atleast_1d(value).tolist()
+        with suppress(ValueError):  # words, no JSON
+            i = int(rng.integers(len(lines)))
+            lines[i] = _damaged_json(rng, lines[i])
+        arrays[name] = np.array(lines if value.ndim else lines[0])
+    elif rng.random() < 0.9:
         with np.errstate(all="ignore"):
             arrays[name] = _drawn(rng, value)
     np.savez(path, **arrays)
+
+
+def _damage_npy(rng: np.random.Generator, path: Path) -> None:
+    """Another array."""
+    with np.errstate(all="ignore"):
+        np.save(path, _drawn(rng, np.load(path)))
 
 
 _SOFAST = "MeasurementSofastFringe"

@@ -14,7 +14,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TextIO
@@ -23,12 +23,14 @@ import click
 import cv2
 import numpy as np
 
-from optolever.decode import Correspondence, decode
+from optolever.calibration import RigResponse, store_response
+from optolever.decode import Correspondence, Response, decode, estimate_profile
 from optolever.errors import InputError
+from optolever.live import Live, ReadingRecorder, follow, virtual_rig
 from optolever.patterns import sequence
 from optolever.projector import Capture, capture
-from optolever.reconstruct import HeightMap
-from optolever.scene import Scene, dent, load, resize, trace
+from optolever.reconstruct import HeightMap, contacts, reconstruct, slope_map
+from optolever.scene import Covariance, Scene, dent, load, resize, trace
 
 from .damage import EXTREMES, damage, save_sofast
 
@@ -43,6 +45,12 @@ _SIZE = 24, 32
 _WIDEST = 65536.0
 #: Heights may be off by so many sigma.
 _SIGMAS = 5.0
+#: What Python says where a program does not say what is wrong.
+_PYTHON = re.compile(
+    "object has no|Errno|not supported between|unhashable|subscriptable|not iterable|must be real number,|"
+    "positional arg|keyword arg|index out of|out of range|unpack|NoneType|invalid literal|could not convert|"
+    "codec can't|buffer|required argument|allow_pickle|broadcast|cannot reshape|Error\\b|ndarray|__"
+)
 #: In each line of several refused inputs, behind the input's name.
 _BATCH = ": optolever: "
 #: What the commands read.
@@ -68,6 +76,7 @@ _GIVEN = 0.25
 _RECONSTRUCT = "reconstruct @/c.npz --scene @/scene.toml --out @/out.npz"
 _DECODE = "decode @/capture --out @/out.npz"
 _CAPTURE = "simulate --renderer numpy --out @/out"
+_GRIDS = (".npz", ".csv", ".sdf", ".dat", ".x3p", ".tif", ".npy")
 #: A kind, a file of it (or a folder of them) that is damaged, and a command that reads that.
 _KINDS: tuple[tuple[str, str, str], ...] = (
     ("scene", "scene.toml", _RECONSTRUCT),
@@ -83,6 +92,18 @@ _KINDS: tuple[tuple[str, str, str], ...] = (
     ("arrays", "truth.npz", f"{_RECONSTRUCT} --truth @/truth.npz"),
     ("arrays", "rest.npz", f"{_RECONSTRUCT} --rest @/rest.npz"),
     ("hdf5", "m.h5", "decode @/m.h5 --out @/out.npz"),
+    ("heights", "h.npz", "form @/h.npz"),
+    ("heights", "h.npz", "export @/h.npz @/x.csv"),
+    ("heights", "s.npz", "form @/h.npz --slopes @/s.npz"),
+    *(("grids", f"g{suffix}", f"form @/g{suffix}") for suffix in _GRIDS),
+    ("rig", "rig.calibration.npz", "reconstruct @/c.npz --scene @/rig.toml --no-rest --out @/out.npz"),
+    ("rig", "rig.profile.npz", f"{_DECODE} --profile @/rig.toml"),
+    ("rig", "rig.response.npz", f"{_DECODE} --response @/rig.toml"),
+    ("stack", "stack.npy", "decode @/stack.npy --description @/sequence.toml --out @/out.npz"),
+    ("stack", "stack.npy", "decode @/stack.npy --description @/sequence.toml --out @/out.npz"),
+    ("recording", "film/log.jsonl", "camera replay @/film"),
+    ("recording", "film/frames.zst", "camera replay @/film"),
+    ("recording", "film/prepared.npz", "camera replay @/film"),
 )
 FUZZED = (*dict.fromkeys(kind for kind, *_ in _KINDS), "arguments")
 _WORDS = ("prism48", "gray", "phase:steps=1000000", "nosuch", "", "-", "/dev/null", "/", "1e400", "--", "0x0")
@@ -155,6 +176,8 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
             fault = f"exit code {code}, {len(lines)} lines: {' / '.join(lines)[:200]}"
         elif any(result.exists() for result in results):
             fault = "refused, and something is written"
+        elif _PYTHON.search(lines[0].replace(str(work), "")):
+            fault = f"Python's words: {lines[0][:200]}"
     if seconds > _SECONDS:
         fault = f"{seconds:.0f} s"
     grown = _peak() - before
@@ -270,9 +293,44 @@ def _base(folder: Path) -> Path:
     if find_spec("h5py"):
         save_sofast(folder / "m.h5", taken.frames)
     trace(scene, surface).save(folder / "truth.npz")
+    _maps(folder, scene)
+    _rig(folder, scene, taken)
+    _film(folder / "film")
     cv2.imwrite(str(folder / "mask.png"), np.full(_SIZE, 255, np.uint8))
     cv2.imwrite(str(folder / "mask.tif"), np.full(_SIZE, 255, np.uint8))
     return folder
+
+
+def _maps(folder: Path, scene: Scene) -> None:
+    """A height map with contacts and slopes, and its grid in every format that is read."""
+    found = Correspondence.load(folder / "c.npz")
+    height = reconstruct(found, resize(load("prism48"), *_SIZE))
+    replace(height, contacts=contacts(height)).save(folder / "h.npz")
+    slope_map(height, found, scene).save(folder / "s.npz")
+    for suffix in _GRIDS:
+        height.resample().export(folder / f"g{suffix}")
+
+
+def _rig(folder: Path, scene: Scene, taken: Capture) -> None:
+    """A rig with a covariance, the profile of the capture and a response."""
+    names = ("camera.rx", "pattern.z")
+    known = Covariance(
+        names, np.diag([1e-3, 0.1]) ** 2, sources=("noise",), parts=np.diag([1e-3, 0.1])[None] ** 2
+    )
+    replace(scene, covariance=known).save(folder / "rig.toml")
+    estimate_profile(taken.frames, taken.sequence).save(folder / "rig.toml")
+    store_response(
+        folder / "rig.toml", RigResponse(Response.from_gamma(1.0, blur=0.5), 0.0, np.ones(_SIZE), 0.1)
+    )
+    np.save(folder / "stack.npy", taken.frames)
+
+
+def _film(folder: Path) -> None:
+    """A recording of readings."""
+    prepared, finger = virtual_rig(resize(load("prism48", exact=True), 72, 96))
+    with ReadingRecorder(folder, prepared, "virtual") as recorder:
+        for followed in follow(Live(prepared), finger, 3):
+            recorder.write(followed)
 
 
 def _arguments(rng: np.random.Generator, program: click.Group, work: Path) -> list[str]:

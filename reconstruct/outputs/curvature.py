@@ -7,14 +7,16 @@ that is no chance (the curvature changes within the window), is their covariance
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from optolever.blocks import over_rows
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
 from optolever.kernels import allocates, exact
 from optolever.records import Comparable
+from optolever.schema import load_record
 
 from ..arrays import Floats
 from .slope_map import SlopeMap
@@ -33,14 +35,14 @@ class CurvatureMap(Comparable):
     NaN where the window has not enough good pixels.
     """
 
-    xx: Floats
-    xy: Floats
-    yy: Floats
-    sigma_xx: Floats
-    sigma_xy: Floats
-    sigma_yy: Floats
-    mean: Floats
-    sigma_mean: Floats
+    xx: Annotated[Floats, "H W"]
+    xy: Annotated[Floats, "H W"]
+    yy: Annotated[Floats, "H W"]
+    sigma_xx: Annotated[Floats, "H W"]
+    sigma_xy: Annotated[Floats, "H W"]
+    sigma_yy: Annotated[Floats, "H W"]
+    mean: Annotated[Floats, "H W"]
+    sigma_mean: Annotated[Floats, "H W"]
 
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
@@ -49,8 +51,7 @@ class CurvatureMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> "CurvatureMap":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS)
-        return cls(**{name: arrays[name] for name in _ARRAYS})
+        return load_record(cls, path)
 
 
 def curvature_map(slopes: SlopeMap, reach: int = 2) -> CurvatureMap:

@@ -10,16 +10,17 @@ this factor belongs to sigma. Neighbouring errors are correlated, so that interp
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
 from optolever.kernels import allocates, exact
 from optolever.maps import REGULAR, chosen
 from optolever.records import Axes, Comparable, plot_maps, span
+from optolever.schema import load_record
 
 from ..arrays import Floats, Mask
 
@@ -39,8 +40,8 @@ class Grid(Comparable):
     NaN where no good points surround the grid point.
     """
 
-    z: Floats
-    sigma: Floats
+    z: Annotated[Floats, "rows cols"]
+    sigma: Annotated[Floats, "rows cols"]
     x0: float
     y0: float
     pitch: float
@@ -73,11 +74,7 @@ class Grid(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> "Grid":
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, ("z", "sigma", "x0", "y0", "pitch"), scalars=("x0", "y0", "pitch"))
-        if arrays["z"].ndim != 2 or arrays["z"].shape != arrays["sigma"].shape:
-            raise InputError(f"{path}: sigma has shape {arrays['sigma'].shape}, must be 2-D like z")
-        scalars = {name: float(arrays[name]) for name in ("x0", "y0", "pitch")}
-        return cls(arrays["z"], arrays["sigma"], **scalars)
+        return load_record(cls, path)
 
     def export(self, path: str | Path) -> None:
         """Write in the format of the suffix, one of GRID_FORMATS; InputError names these. Formats other than

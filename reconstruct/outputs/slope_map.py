@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.files import load_arrays, save_arrays
+from optolever.files import save_arrays
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.scene import Scene
+from optolever.schema import load_record
 
 from ..arrays import Floats, Mask
 from ..geometry import pattern_plane, ray_field
@@ -41,14 +42,14 @@ class SlopeMap(Comparable):
     the rig, apart from the sigmas. None: the height map has no modes.
     """
 
-    x: Floats
-    y: Floats
-    slope_x: Floats
-    slope_y: Floats
-    sigma_x: Floats
-    sigma_y: Floats
-    flags: NDArray[np.uint16]
-    modes: Modes | None = None
+    x: Annotated[Floats, "H W"]
+    y: Annotated[Floats, "H W"]
+    slope_x: Annotated[Floats, "H W"]
+    slope_y: Annotated[Floats, "H W"]
+    sigma_x: Annotated[Floats, "H W"]
+    sigma_y: Annotated[Floats, "H W"]
+    flags: Annotated[NDArray[np.uint16], "H W"]
+    modes: Annotated[Modes, "r 2 rows cols"] | None = None
     modes_step: int = 1
 
     def __post_init__(self) -> None:
@@ -105,9 +106,7 @@ class SlopeMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> SlopeMap:
         """Read what save() wrote; InputError names the file and the field."""
-        arrays = load_arrays(path, _ARRAYS, scalars=("modes_step",))
-        values: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
-        return cls(**values, modes=arrays.get("modes"), modes_step=int(arrays.get("modes_step", 1)))
+        return load_record(cls, path)
 
 
 def slope_map(

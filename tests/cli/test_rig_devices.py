@@ -16,12 +16,13 @@ import pytest
 from optolever.decode import Correspondence, Decoder, Response, estimate_profile
 from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
-from optolever.projector import Capture, Image, capture, choose_exposure
+from optolever.projector import Capture, Image, Recorder, capture, choose_exposure
 from optolever.projector.cameras import StillCamera
 from optolever.reconstruct import HeightMap
 from optolever.scene import adjusted, dent_from_text, load, resize
 
 from .conftest import Outcome, Program, Refused
+from .test_outputs import full_disk
 
 
 @pytest.fixture
@@ -148,6 +149,42 @@ def test_record_and_replay(optolever: Program, refused: Refused, rig: Path, tmp_
     assert f"{numbers['images']}, incomplete 0" in optolever("camera", "replay", tmp_path / "r").out
     refused([*words], "no empty folder")
     refused(["camera", "replay", tmp_path / "r", "--out", tmp_path / "c"], "has no sequence")
+
+
+class Stopped(StillCamera):
+    """Ctrl-C comes while the second image is waited for."""
+
+    def next(self, timeout_s: float) -> Image:
+        self._asked = getattr(self, "_asked", 0) + 1
+        if self._asked > 1:
+            raise KeyboardInterrupt
+        return super().next(timeout_s)
+
+
+def test_a_recording_that_is_cut_off_is_named(
+    optolever: Program, refused: Refused, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By Ctrl-C, by a full disk after some images, and before the first one."""
+    shown = sequence("gray", 8, 8)
+    Capture(np.repeat(shown.render()[:1], len(shown), axis=0), shown).save(tmp_path / "still")
+    still = ("--set", f"camera=folder:{tmp_path / 'still'}")
+    record = ["camera", "record", "--rig", rig, *still, "--seconds", "0.5", "--out"]
+    with full_disk(4096):
+        err = optolever(*record, tmp_path / "full", code=2).err
+    assert len(err.splitlines()) == 1
+    assert f"images are in {tmp_path / 'full'}" in err
+    optolever("camera", "replay", tmp_path / "full")
+    with full_disk(0), pytest.raises(OSError, match="too large") as failed:
+        Recorder(tmp_path / "none", {})
+    assert failed.value.filename == str(tmp_path / "none")
+    refused(["camera", "replay", tmp_path / "none"], tmp_path / "none", "stopped before its first image")
+    monkeypatch.setattr("optolever.projector.cameras.still.StillCamera", Stopped)
+    assert (
+        f"interrupted; 1 images are in {tmp_path / 'r'}" in optolever(*record, tmp_path / "r", code=130).err
+    )
+    assert "images    1" in optolever("camera", "replay", tmp_path / "r").out
+    capture = ("capture", "--rig", rig, *still, "--out", tmp_path / "c")
+    assert f"{tmp_path / 'c.recording'} " in optolever(*capture, code=130).err
 
 
 def test_expose_keeps_what_it_does_not_know(optolever: Program, rig: Path, tmp_path: Path) -> None:
