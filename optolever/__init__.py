@@ -5,7 +5,7 @@ Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibrat
 `arguments` (records of a wrong type, named at the verbs), `blocks` and `kernels` (threads, compiled
 loops), `errors`, `files` (whole or absent),
 `maps` (heights in other programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`,
-`quantities`, `records`, `toml`.
+`quantities`, `records`, `schema` (records from plain values, types and shapes asked once), `toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.

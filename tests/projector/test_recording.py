@@ -209,14 +209,23 @@ def test_damage_is_told(tmp_path: Path) -> None:
     log.write_bytes(whole[:-20])  # broken off in the last line: that image does not exist
     assert len(list(Recording(tmp_path / "r"))) == 2
     about, first, *rest = whole.splitlines(keepends=True)
-    other, away = ({**json.loads(first), **change} for change in ({"crc32": 1}, {"at": 9999}))
+
+    def changed(name: str, value: object) -> bytes:
+        return json.dumps({**json.loads(first), name: value}).encode() + b"\n"
+
     for line, words in (
-        (json.dumps(other).encode() + b"\n", "page 0 is damaged"),
-        (json.dumps(away).encode() + b"\n", "page 0 is missing"),
+        (changed("crc32", 1), "page 0 is damaged"),
+        (changed("at", 9999), "page 0 is missing"),
         (b"\xff\n" + first, r"log\.jsonl: line 2 is damaged, 3 lines follow"),
         (b"", r"log\.jsonl: line 2 is missing"),
         (rest[0] + first, r"log\.jsonl: line 2 is missing"),
         (first + first, r"log\.jsonl: line 3 has been moved"),
+        (changed("line", [1]), r"log\.jsonl: line 2\.line is \[1\], must be a whole number"),
+        (changed("id", "7"), r"log\.jsonl: line 2\.id is '7', must be a whole number"),
+        (changed("bytes", True), r"log\.jsonl: line 2\.bytes is True, must be a whole number"),
+        (changed("bits", 12), r"log\.jsonl: line 2\.bits is 12, must be 8 or 16"),
+        (changed("at", -1), r"log\.jsonl: page 0: at -1, .*: no place of an image"),
+        (changed("stamp_s", None), r"log\.jsonl: line 2\.stamp_s is None, must be a number"),
     ):
         log.write_bytes(b"".join([about, line, *rest]))
         with pytest.raises(InputError, match=words):

@@ -1,6 +1,8 @@
 """Bad input to reconstruct(): one line that names the field, the value and the limit."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from optolever import InputError
 from optolever.decode import Correspondence
-from optolever.reconstruct import PixelAnchor, PointAnchor, reconstruct
+from optolever.reconstruct import HeightMap, PixelAnchor, PointAnchor, reconstruct
 from optolever.scene import load
 
 from .conftest import exact_case
@@ -68,6 +70,33 @@ def test_refused(case, fields: dict[str, Any], arguments: dict[str, Any], words:
     with pytest.raises(InputError) as caught:
         reconstruct(replace(correspondence, **fields), **{"scene": scene, **arguments})
     assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("contacts", "5", "contacts is 5, must be a list"),
+        ("contacts", '[{"x": []}]', "contacts[0].x is [], must be a number"),
+        ("diagnostics", '{"method": 5}', "diagnostics.method is 5, must be text"),
+        ("diagnostics", "[", "diagnostics is no JSON"),
+        ("notices", ['{"name": "a", "size": null}'], "notices[0].size is None, must be a number"),
+        ("flags", np.zeros(SHAPE), "flags is float64 of shape (24, 32), must be an array of whole numbers"),
+        ("sigma", np.zeros((24, 31)), "sigma has shape (24, 31), must be H (24) x W (32)"),
+        ("modes", np.zeros((2, 24)), "modes has shape (2, 24), must be r x rows x cols"),
+        ("modes_step", 1.5, "modes_step is 1.5, must be a whole number"),
+        ("own", 3, "own = 3, 0 to 0"),
+        ("x", np.full(SHAPE, np.nan), "x is nan at pixel (0, 0), which has no flag"),
+    ],
+)
+def test_a_damaged_height_map_names_file_and_field(name: str, value: Any, words: str, tmp_path: Path) -> None:
+    good = HeightMap(*np.zeros((3, *SHAPE)), np.ones(SHAPE), np.zeros(SHAPE, np.uint16))
+    good.save(tmp_path / "h.npz")
+    assert HeightMap.load(tmp_path / "h.npz") == good
+    with np.load(tmp_path / "h.npz") as stored:
+        np.savez(tmp_path / "bad.npz", **{**stored, name: np.array(value)})
+    with pytest.raises(InputError, match="^" + re.escape(f"{tmp_path / 'bad.npz'}: ")) as caught:
+        HeightMap.load(tmp_path / "bad.npz")
+    assert words in str(caught.value)
 
 
 def test_nan_in_an_unflagged_pixel_is_flagged_not_fatal(case) -> None:
