@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, damage_of, require_file
 from optolever.memory import require_room
 from optolever.patterns import Frame, Sequence
 from optolever.projector import Capture
@@ -108,7 +108,7 @@ def _definition(path: Path) -> Fields:
         lists = {name: [content[key][axis] for axis in "xyz"] for name, key in keys.items()}
         return {name: _checked(name, np.array(values, np.float64)) for name, values in lists.items()}
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{path}: no definition of one facet ({type(error).__name__}: {error})") from error
+        raise InputError(f"{path}: no definition of one facet ({damage_of(error)})") from error
 
 
 def _checked(name: str, array: NDArray[Any]) -> NDArray[Any]:
@@ -153,4 +153,4 @@ def _fields(path: str | Path, *names: str, facet: str = "") -> Fields:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (OSError, KeyError, RuntimeError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: not a readable HDF5 file ({error})") from error
+        raise InputError(f"{path}: not a readable HDF5 file ({damage_of(error)})") from error

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, damage_of, require_file
 from optolever.maps import READABLE, read_grid
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
@@ -229,7 +229,7 @@ def _vertices(file: Path) -> Floats:
     try:
         points = np.asarray(trimesh.load_mesh(file).vertices, np.float64)
     except Exception as error:  # a reader of another project, on any file
-        raise InputError(f"{file}: not a readable mesh ({str(error) or type(error).__name__})") from error
+        raise InputError(f"{file}: not a readable mesh ({damage_of(error)})") from error
     points = np.unique(points, axis=0)
     if len(points) < 4 or not np.isfinite(points).all():
         raise InputError(f"{file}: {len(points)} points, must be at least 4, all finite")

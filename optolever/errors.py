@@ -3,7 +3,7 @@
 import errno
 from pathlib import Path
 
-__all__ = ["InputError", "reason_of", "require_file"]
+__all__ = ["InputError", "damage_of", "reason_of", "require_file"]
 
 
 class InputError(ValueError):
@@ -29,6 +29,18 @@ def require_file(path: str | Path) -> None:
         raise InputError(f"{path}: is a folder, must be a file{cure}")
     if not Path(path).is_file():
         raise InputError(f"{path}: no such file")
+
+
+def damage_of(error: BaseException) -> str:
+    """What is wrong with a file, in words about files: exceptions of Python and of libraries are about their
+    own variables."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.object[error.start]:#04x} at {error.start} is no {error.encoding.upper()}"
+    if isinstance(error, KeyError) and " " not in str(error.args[0]):
+        return f"{error.args[0]} is missing or unknown"
+    if isinstance(error, OSError) and error.strerror:
+        return reason_of(error)
+    return str(error) if isinstance(error, InputError) else "damaged, cut off, or of another kind"
 
 
 def reason_of(error: OSError) -> str:

@@ -24,7 +24,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, reason_of, require_file
+from optolever.errors import InputError, damage_of, reason_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
@@ -286,7 +286,7 @@ def load_arrays(
         raise InputError(f"{path}: {error}") from error
     except Exception as error:  # a damaged file: unknown methods, encryption, lies
         raise InputError(
-            f"{path}: not a readable .npz ({error}); give a file that optolever wrote"
+            f"{path}: not a readable .npz ({damage_of(error)}); give a file that optolever wrote"
         ) from error
 
 

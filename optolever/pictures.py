@@ -14,7 +14,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, damage_of, require_file
 from optolever.memory import require_room
 
 __all__ = [
@@ -210,8 +210,8 @@ def _by_tifffile(path: Path, data: bytes) -> list[Picture]:
     except InputError:
         raise
     except Exception as error:  # of a damaged file tifffile raises whatever its numbers lead to
-        why = str(error) or type(error).__name__
-        raise InputError(f"{path}: not an image ({len(data)} bytes; {why}); save it again") from error
+        why = f"{len(data)} bytes; {damage_of(error)}"
+        raise InputError(f"{path}: not an image ({why}); save it again") from error
     if not found or found[0].ndim > 3:
         raise InputError(f"{path}: not an image ({len(data)} bytes; no picture in it); save it again")
     return [page.astype(np.float32) if page.dtype == np.float16 else page for page in found]
@@ -226,8 +226,8 @@ def _red_first(image: Picture) -> Picture:
 def _from_npy(path: Path) -> Picture:
     try:
         stack = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
-        raise InputError(f"{path}: not a readable .npy ({error})") from error
+    except Exception as error:  # its header is an expression of Python
+        raise InputError(f"{path}: not a readable .npy ({damage_of(error)})") from error
     require_room(str(path), stack.nbytes)
     end = stack.offset + stack.nbytes if isinstance(stack, np.memmap) else path.stat().st_size
     if path.stat().st_size != end:

@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, damage_of, require_file
 
 __all__ = ["read_toml", "toml_text"]
 
@@ -23,7 +23,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         text = newest.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not readable as TOML: {error}; save it as text in UTF-8") from error
+        raise InputError(
+            f"{path}: not readable as TOML: {damage_of(error)}; save it as text in UTF-8"
+        ) from error
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

@@ -28,7 +28,7 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, reason_of
+from optolever.errors import InputError, damage_of, reason_of
 from optolever.files import growing_file, read_lines, require_new_folder
 from optolever.schema import built
 
@@ -299,7 +299,7 @@ class Recording:
         try:
             return open_files.enter_context((self.folder / _PAGES).open("rb"))
         except OSError as error:
-            raise InputError(f"{self.folder / _PAGES}: not readable ({error})") from error
+            raise InputError(f"{self.folder / _PAGES}: not readable ({damage_of(error)})") from error
 
     def _pixels(self, line: _Block, blocks: BinaryIO, before: NDArray[Any] | None) -> NDArray[Any]:
         page, where = line.page, self.folder / _PAGES
@@ -314,7 +314,7 @@ class Recording:
                     raise ValueError("the image before it is another one")
                 pixels = before.astype(pixels.dtype) + pixels
         except (ValueError, zstandard.ZstdError) as error:
-            raise InputError(f"{where}: page {page} is damaged ({error})") from error
+            raise InputError(f"{where}: page {page} is damaged") from error
         if zlib.crc32(pixels.tobytes()) != line.crc32:
             raise InputError(f"{where}: page {page} is damaged, its crc32 is not {line.crc32}")
         return pixels

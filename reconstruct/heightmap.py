@@ -33,6 +33,7 @@ HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 #: Source of those own modes that maps of one rest capture have in common.
 REST_NOISE = "noise of the rest capture in sag and motion"
 _ARRAYS = ("x", "y", "z", "sigma", "flags")
+_MOST = 1e9  # mm
 _SINGLE = ("x", "y", "z", "sigma", "lean", "shared", "free")  # float32 in files
 
 
@@ -330,9 +331,9 @@ class HeightMap(Comparable):
         found = load_record(cls, path, ("notices", "diagnostics", "contacts"), tests=lambda _: ())
         for name in ("x", "y", "z"):
             values = getattr(found, name)
-            for row, col in np.argwhere(found.good & ~np.isfinite(values))[:1]:
+            for row, col in np.argwhere(found.good & ~(np.abs(values) <= _MOST))[:1]:
                 wrong = f"{name} is {values[row, col]} at pixel ({row}, {col}), which has no flag"
-                raise InputError(f"{path}: {wrong}")
+                raise InputError(f"{path}: {wrong}; must be at most {_MOST:g} mm")
         return found
 
     def export(self, path: str | Path, pitch_mm: float | None = None, **more: Floats) -> None:

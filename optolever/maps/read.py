@@ -18,7 +18,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from optolever.errors import InputError, require_file
+from optolever.errors import InputError, damage_of, require_file
 
 from .write import DAT_MAGIC, DAT_STEPS, DAT_UNKNOWN, WFT_NM
 
@@ -29,6 +29,7 @@ _METRES, _SQUARE = 1e3, 1e-6  # mm per m; relative difference of the pitches alo
 _X3P_TYPES = {"D": "<f8", "F": "<f4", "L": "<i4", "I": "<i2"}
 _DATX_UNITS = {"NanoMeters": 1e-6, "MicroMeters": 1e-3, "MilliMeters": 1.0, "Meters": 1e3}
 _MOST = 1 << 28  # points
+_HIGHEST = 1e9  # mm
 
 
 class GridMap(NamedTuple):
@@ -55,12 +56,13 @@ def read_grid(path: str | Path) -> GridMap:
         raise InputError(f"{file}: {error}") from error
     except _FAULTS as error:
         kind = file.suffix.lower()[1:].upper()
-        raise InputError(f"{file}: not a readable {kind} file ({_line(error)})") from error
+        raise InputError(f"{file}: not a readable {kind} file ({damage_of(error)})") from error
     if found.z.ndim != 2 or not found.z.size or not 0 < found.pitch < np.inf:
         size = f"{found.z.shape} points at a pitch of {found.pitch:g} mm"
         raise InputError(f"{file}: {size}, must be 2-D, above 0")
-    if np.isinf(found.z).any() or not np.isfinite([found.x0, found.y0]).all():
-        raise InputError(f"{file}: heights or places are infinite, the file is damaged")
+    largest = max(float(np.nanmax(np.abs(found.z), initial=0.0)), *map(abs, found[1:]))
+    if not largest <= _HIGHEST:
+        raise InputError(f"{file}: heights or places of {largest:g} mm, must be at most {_HIGHEST:g}")
     return found
 
 
@@ -71,11 +73,6 @@ _FAULTS = (
     *(struct.error, zipfile.BadZipFile, ElementTree.ParseError, tifffile.TiffFileError, NotImplementedError),
     *(RuntimeError, MemoryError, ZeroDivisionError, SyntaxError, tokenize.TokenError, zlib.error),
 )
-
-
-def _line(error: Exception) -> str:
-    """The first line of an error's text."""
-    return next(iter(str(error).splitlines()), "") or type(error).__name__
 
 
 def _pitch(along_x: float, along_y: float) -> float:
