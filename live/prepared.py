@@ -82,6 +82,9 @@ class Prepared:
                 branch[last] = [*map(asdict, notices_from_array(value))] if name == "notices" else value
             made: Self = built(cls, tree, "")
             carriers = made.rig.carriers
+            for name, value in _flat(made, ""):
+                if np.ndim(value) and not (np.size(value) and np.isfinite(value).all()):
+                    raise InputError(f"{name} is empty or not finite; prepare the rig again")
             rows, cols = (carriers.cell * cells for cells in carriers.shape)
             if carriers.cell not in CELLS or carriers.lit.shape != (rows, cols):
                 found = f"has {carriers.lit.shape} pixels in cells of {carriers.cell}"

@@ -16,6 +16,8 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
+from optolever.errors import InputError
+
 __all__ = [
     "ResidualNoise", "SlopeNoise", "mean_square_variance", "modes_variance", "noise_covariance",
     "residual_noise", "root_sigma",
@@ -112,7 +114,11 @@ def noise_covariance(
     label, load = blocks.label, blocks.sums(weights)
     sums = np.stack([np.bincount(label, each, label.max() + 1) for each in load])
     load = np.asarray(load - (sums / np.bincount(label))[:, label])  # one piston per connected component
-    return np.asarray(load @ scipy.sparse.linalg.splu(blocks.laplacian).solve(load.T))
+    try:
+        return np.asarray(load @ scipy.sparse.linalg.splu(blocks.laplacian).solve(load.T))
+    except RuntimeError as error:  # singular by rounding
+        spread = "slope map: its sigmas span too many decades; make it again by reconstruct --slopes"
+        raise InputError(spread) from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
