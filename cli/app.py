@@ -57,7 +57,7 @@ def exit_code(call: Callable[[], Any], name: str) -> int:
     except OSError as error:
         return _complain(name, f"{error.filename or 'input or output'}: {reason_of(error)}")
     except (click.Abort, KeyboardInterrupt) as error:
-        click.echo("; ".join([f"{name}: interrupted", *map(str, error.args)]), err=True)
+        click.echo("; ".join([f"{name}: interrupted", *map(str, (error.__cause__ or error).args)]), err=True)
         return 130
     return code if isinstance(code, int) else 0
 

@@ -48,7 +48,8 @@ def load_record(
     hints = _hints(cast(Any, kind))
     needed = [name for name, (_, needs) in hints.items() if needs]
     words = [name for name, (hint, _) in hints.items() if _is_text(hint)]
-    arrays = load_arrays(path, needed, [*texts, *words])
+    numbers = [name for name, (hint, _) in hints.items() if hint in _PLAIN and hint is not str]
+    arrays = load_arrays(path, needed, [*texts, *words], numbers)
     try:
         values: dict[str, Any] = {name: arrays[name] for name in hints if name in arrays}
         for name in values.keys() & {*texts}:

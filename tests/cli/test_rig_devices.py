@@ -183,7 +183,8 @@ def test_a_recording_that_is_cut_off_is_named(
         f"interrupted; 1 images are in {tmp_path / 'r'}" in optolever(*record, tmp_path / "r", code=130).err
     )
     assert "images    1" in optolever("camera", "replay", tmp_path / "r").out
-    capture = ("capture", "--rig", rig, *still, "--out", tmp_path / "c")
+    monkeypatch.setattr("optolever.projector.rig.StillCamera", Stopped)
+    capture = ("capture", "--rig", rig, "--out", tmp_path / "c")
     assert f"{tmp_path / 'c.recording'} " in optolever(*capture, code=130).err
 
 
