@@ -57,13 +57,13 @@ def listed(name: str, text: str, form: str, count: int = 0) -> list[float]:
 def written(what: str, text: str, form: str, known: Container[str] | None = None) -> dict[str, str]:
     """Values by name of 'name=value,name=value'. InputError, which begins with `what` and says the form, for
     another form, for a name that is not among the known ones, and for one that is given twice. A comma
-    belongs to a value, as of a path, unless a name and = follow it.
+    belongs to a value, as of a path, unless NAME= or a number follows it.
 
     >>> written("dent", "peak=0.3, sigma=8", "name=value")
     {'peak': '0.3', 'sigma': '8'}
     """
     found: dict[str, str] = {}
-    for item in filter(None, re.split(r",(?=\s*\w+\s*=|$)", text)):
+    for item in filter(None, re.split(r",(?=\s*\w+\s*=|[-+.\d\s]*(?:,|$))", text)):
         name, _, value = (part.strip() for part in item.partition("="))
         if not (name and value) or (known is not None and name not in known):
             raise InputError(f"{what}: {item!r}, must be {form}")

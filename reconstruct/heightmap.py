@@ -23,7 +23,7 @@ from optolever.schema import from_json, load_record
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
-from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
+from .outputs.resampling import GRID_FORMATS, Grid, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "REST_NOISE", "Diagnostics", "HeightFlag", "HeightMap"]
 
@@ -148,6 +148,8 @@ class HeightMap(Comparable):
         if len(shape) != 2 or step < 1 or not 0 <= self.own <= count:
             steps = f"modes_step = {step}, at least 1; own = {self.own}, 0 to {count}"
             raise InputError(f"height map: z has shape {shape}, must be 2-D; {steps}")
+        if not 0 <= self.sinking < math.inf:
+            raise InputError(f"height map: sinking is {self.sinking}, must be a length from 0, mm")
         moves = count if self.displacement is None else max(count, len(self.displacement))
         shapes: dict[str, tuple[tuple[int, ...], ...]] = {
             **dict.fromkeys(_ARRAYS, (shape,)),
