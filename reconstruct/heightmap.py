@@ -23,7 +23,7 @@ from optolever.schema import from_json, load_record
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
-from .outputs.resampling import GRID_FORMATS, Grid, natural_pitch, resample
+from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 
 __all__ = ["HEIGHT_FORMATS", "REST_NOISE", "Diagnostics", "HeightFlag", "HeightMap"]
 
