@@ -184,8 +184,8 @@ def test_a_recording_that_is_cut_off_is_named(
     )
     assert "images    1" in optolever("camera", "replay", tmp_path / "r").out
     monkeypatch.setattr("optolever.projector.rig.StillCamera", Stopped)
-    capture = ("capture", "--rig", rig, "--out", tmp_path / "c")
-    assert f"{tmp_path / 'c.recording'} " in optolever(*capture, code=130).err
+    measure = ("camera", "measure", "--rig", rig, "--out", tmp_path / "c")
+    assert f"{tmp_path / 'c.recording'} " in optolever(*measure, code=130).err
 
 
 def test_expose_keeps_what_it_does_not_know(optolever: Program, rig: Path, tmp_path: Path) -> None:
