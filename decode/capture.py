@@ -47,6 +47,8 @@ _CACHE = 1 << 20
 _LIT = 0.15
 #: Change of a statistic from which on a profile no longer holds; of sigma from which on a notice says so.
 _CHANGED, _NOTICED = 2.0, 1.5
+#: Lag whose square, what earlier frames left, shifts heights of three steps by less than a sigma.
+_SHORT = 0.02
 #: Share of the good pixels below which a profile no longer holds.
 _FEWER = 0.9
 
@@ -236,7 +238,8 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
             cure = "sigma includes it; hold the mirror still, or show fewer frames"
             return (Notice(name, nan, nan, cure),)
-        if effect.name == "lag" and any(not one.code and len(one.fringes[-1].index) == 3 for one in fringes):
+        ladder = any(not one.code and len(one.fringes[-1].index) == 3 for one in fringes)
+        if effect.name == "lag" and effect.value > _SHORT and ladder:
             name = (
                 f"a lag of {100 * effect.value:.2g} % is corrected; three steps hide what earlier frames left"
             )

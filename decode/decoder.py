@@ -142,8 +142,8 @@ class Decoder:
         known = self._profile
         if known is None:
             return None, ()
-        kind = self._digest, light.raw.shape[1:], light.raw.dtype.name
-        if kind != (known.sequence, known.shape, known.dtype):
+        kind, part = (self._digest, light.raw.dtype.name), zip(light.raw.shape[1:], known.shape, strict=True)
+        if kind != (known.sequence, known.dtype) or any(here > whole for here, whole in part):
             self._prepared = None
             return None, (_OTHER,)
         if self._prepared is None:

@@ -62,7 +62,8 @@ def correct(view: View) -> Correction | None:
     rows = _vanishing(plan, count)
     sample = view.sample.only(np.isfinite(view.sample.levels).all(axis=0))
     sample = sample.only(slice(None, None, 1 + len(sample.places) // _MOST))
-    few = any(len(fringe.index) == 3 for axis in plan.axes for fringe in axis.fringes)
+    several = (axis for axis in plan.axes if axis.fringes[1:] or (axis.fringes and axis.code))
+    few = any(len(axis.fringes[-1].index) == 3 for axis in several)
     if not (len(rows) or few) or len(sample.places) < _FEWEST:
         return None
     levels, places = sample.levels.astype(np.float64), view.places(sample) if few else np.zeros((0, 0))
