@@ -184,6 +184,7 @@ def _circles(x: Floats, y: Floats, weight: Floats, area: float, cut: bool) -> tu
     part = np.empty(x.size, np.int64)
     part[along] = np.minimum(count * np.cumsum(weight[along]), count - 1).astype(np.int64)
     total = np.bincount(part, weight, count)
-    places = [np.bincount(part, weight * one, count) / total for one in at]
-    radii = np.sqrt(total * area / math.pi)
+    kept = total > 0  # a part whose cells have no area
+    places = [np.bincount(part, weight * one, count)[kept] / total[kept] for one in at]
+    radii = np.sqrt(total[kept] * area / math.pi)
     return tuple(zip(*(part.tolist() for part in (*places, radii)), strict=True))

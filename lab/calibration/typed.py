@@ -201,13 +201,13 @@ def _captured(
     scene: Scene, surface: Surface, glass: float, stripes: float, rng: Rng
 ) -> tuple[Trace, Correspondence]:
     truth = trace(scene, surface)
-    du, dv = _behind_glass(scene, truth, glass)
+    du, dv = behind_glass(scene, truth, glass)
     u, v = (at + _NOISE * rng.standard_normal(at.shape) for at in (truth.u + du + stripes, truth.v + dv))
     sigma = np.full(u.shape, _NOISE)
     return truth, Correspondence(u, v, sigma, sigma.copy(), np.where(truth.visible, 0, 1).astype(np.uint16))
 
 
-def _behind_glass(scene: Scene, truth: Trace, thickness: float) -> tuple[Floats, Floats]:
+def behind_glass(scene: Scene, truth: Trace, thickness: float) -> tuple[Floats, Floats]:
     """Change of u and v by a plate of glass before the cells: the ray is refracted as a vector (Snell's law)
     and followed through the plate."""
     if not thickness:

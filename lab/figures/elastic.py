@@ -50,7 +50,8 @@ def elastic_figures(kind: str, rigs: int, seed: int = 0, drawn: bool = False) ->
         layer = Layer(
             _MODULUS, thickness_mm=thickness if kind == "layer" else None, youngs_modulus_sigma_mpa=0
         )
-        true = changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
+        error = rng.standard_normal(len(covariance.root)) @ covariance.root
+        true = changed(scene, error * drawn)
         surface = pressed.surface_of(dents)
         rest, seen = (captured(true, one, _PHOTONS, rng) for one in (dent("flat", scene), surface))
         traced, flags = trace(true, surface), seen.flags.copy()

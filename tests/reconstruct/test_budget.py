@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lab.calibration.typed import behind_glass
 from optolever.reconstruct import (
     NOISE,
     TOTAL,
@@ -99,3 +100,17 @@ def test_a_focal_length_by_tape_is_in_total_sigma_as_focal(off: float) -> None:
         next(iter(budget(reconstruct(pressed, each)).values()))["focal length"] for each in (typed, narrow)
     )
     assert by_tape == pytest.approx(5 * by_scale, rel=0.05)
+
+
+def test_a_cover_glass_is_what_refraction_in_it_does(rig: Scene) -> None:
+    """Places behind a plate of glass, each ray refracted as a vector, solved without it."""
+    zeros = dict.fromkeys((each.name for each in fields(Accuracy)), 0.0)
+    bare = replace(rig, covariance=None)
+    seen = trace(bare, dent("gaussian", bare, peak=0.2, sigma=5.0))
+    places = exact_correspondence(seen, 1e-3)
+    height = reconstruct(places, replace(bare, accuracy=Accuracy(**zeros | {"glass": 0.1})))
+    du, dv = behind_glass(bare, seen, 0.1)
+    moved = reconstruct(replace(places, u=places.u + du, v=places.v + dv), bare)
+    at = np.unravel_index(np.argmax(np.where(height.good, height.z, -1)), height.z.shape)
+    point = next(iter(budget(height).values()))
+    assert point["cover glass"] == pytest.approx(abs(moved.z[at] - height.z[at]), rel=0.02)
