@@ -84,3 +84,22 @@ def test_a_rounded_punch_is_a_sum_of_flat_ones() -> None:
         assert contact.force_sigma < 0.03 * contact.force
     assert 0.3 < ratio(forces) < 1.3
     assert max(map(abs, depths)) < 3
+
+
+def test_few_cells_are_a_contact_where_they_are_sure() -> None:
+    """Eight cells deeper than half: beyond eight sigma they are one, below twelve cells at seven none."""
+    z = 0.02 * np.exp2(-((X - 30) ** 2 + (Y - 22) ** 2) / 0.6**2)
+    assert 5 <= np.count_nonzero(z > 0.01) < 12
+    for noise, count in ((0.02 / 40, 1), (0.02 / 7.5, 0)):
+        made = Surface(X, Y, z, np.full(z.shape, noise), np.ones(z.shape, bool))
+        assert len(regions(made)) == count
+
+
+def test_a_flagged_tip_costs_what_its_neighbours_leave_open() -> None:
+    """Of a ball, and of a dent that fades: a few cells are flagged, the flank around them says how deep."""
+    for z in (ball(30, 22, 5, 0.1), 0.1 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / 30)):
+        made = surface(z)
+        flagged = Surface(X, Y, made.z, made.sigma, np.hypot(X - 30, Y - 22) > 0.6)
+        (found,) = contacts(flagged, regions(flagged), None)
+        assert found.depth_at_least
+        assert abs(found.depth - 0.1) < 3 * found.depth_sigma < 0.03
