@@ -16,6 +16,7 @@ from optolever.processes import environment
 from optolever.records import Progress, silent
 from optolever.scene import load, resize
 
+from ..judgements.tables import section
 from ..live.figures import LiveRow, live_rows
 from .batch import batch_figures
 from .decode_speed import profile_figures, run_decode_figures
@@ -58,7 +59,10 @@ def write_page(folder: Path, progress: Progress = silent) -> Path:
     first = ["# Benchmarks", "", *_filled(_INTRODUCTION.format(**known))]
     last = ["", "## Further commands", "", *_filled(_OTHERS)]
     path = folder / "benchmarks.md"
-    path.write_text("\n".join([*first, *lines, *last]) + "\n", "utf-8")
+    kept = (
+        section(path)[1].rstrip().splitlines() if path.exists() else []
+    )  # `lab judgements --page` writes it
+    path.write_text("\n".join([*first, *lines, *last, *(["", *kept] if kept else [])]) + "\n", "utf-8")
     progress("", 5, 5)
     return path
 

@@ -64,7 +64,7 @@ RIGHT: dict[str, tuple[str, ...]] = {
 
 def _lighter(frame: Frame) -> Frame:
     """The lamp of a room is on."""
-    return np.clip(frame.astype(np.int64) + 50, 0, 255).astype(np.uint8)
+    return np.clip(frame.astype(np.int64) + 25, 0, 255).astype(np.uint8)
 
 
 def _dusty(frame: Frame) -> Frame:

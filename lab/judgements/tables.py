@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .record import Row
 
-__all__ = ["FALSE_HEADS", "MISSED_HEADS", "false_alarms", "misses", "with_section"]
+__all__ = ["FALSE_HEADS", "MISSED_HEADS", "false_alarms", "misses", "section", "with_section"]
 
 FALSE_HEADS = ("part", "test", "limit", "right captures", "false alarms", "of kind")
 MISSED_HEADS = ("part", "fault", "named by", "wrong captures", "missed")
@@ -48,6 +48,13 @@ def with_section(page: Path, rows: Sequence[Row], command: str) -> None:
     for heads, cells in tables:
         lines += [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
         lines += [*(f"| {' | '.join(line)} |" for line in cells), ""]
-    before, _, after = page.read_text("utf-8").partition(f"{_TITLE}\n")
-    _, next_title, rest = after.partition("\n## ")
-    page.write_text(before.rstrip() + "\n\n" + "\n".join(lines) + (next_title[1:] + rest), "utf-8")
+    before, _, after = section(page)
+    text = f"{before.rstrip()}\n\n" + "\n".join(lines) + (f"\n{after}" if after else "")
+    page.write_text(text, "utf-8")
+
+
+def section(page: Path) -> tuple[str, str, str]:
+    """What stands before the section of a page, the section and what follows it."""
+    before, title, rest = page.read_text("utf-8").partition(f"{_TITLE}\n")
+    inside, following, after = rest.partition("\n## ")
+    return before, title + inside, following[1:] + after
