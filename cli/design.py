@@ -159,6 +159,12 @@ def command(
     width = max(len(row.code) for row in best)
     for row in best:
         _print_row(row, row is best[0], width, f"{scene.name}, at most {frames} frames{rig.known}")
+    _print_choice(found, out)
+
+
+def _print_choice(found: "ol.experiments.design.Design", out: Path | None) -> None:
+    """The sequence that was chosen, and its file."""
+    chosen = found.chosen
     choice = {
         "sequence": "none: no candidate meets the limits" if chosen is None else chosen.text,
         "candidates": str(len(found.rows)),

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from math import isfinite, isinf, nan, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -113,19 +113,13 @@ def command(
     aperture's circle, else the inscribed one. H.npz may also be a grid of another program (.x3p, .dat, .datx,
     .wft, .sdf, .csv, .npy; .tif with floats in mm). Several maps of one mirror: their mean and differences.
     """
-    if nominal is not None and form is not None:
-        raise InputError(f"--remove {form}: {nominal} is removed already; leave one out")
     if order is None and (index, norm) != ("ansi", "rms"):
         raise InputError("--index, --norm: are of Zernike terms; add --zernike ORDER")
     names = [limit.partition("=")[0] for limit in limits]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"--limit {name}: has {names.count(name)} limits, must be one")
-    if highpass is not None and lowpass is not None and highpass <= lowpass:
-        raise InputError(
-            f"--highpass {highpass:g}: must be above --lowpass {lowpass:g}, else no wave is left"
-        )
-    shape = _Shape(form or "sphere", nominal, apertures, highpass, lowpass)
+    shape = _Shape.asked(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
         alone: dict[str, object] = {"--slopes": slopes_path, "--zernike": order, "--profile": lines}
         alone |= {"--limit": limits, "--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
@@ -155,18 +149,9 @@ def command(
     if inside is not None and (inside | ~height.good).all():
         print_notices([f"--aperture {' '.join(apertures)}: contains every good pixel, nothing is left out"])
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
-    numbers = fit.to_dict()
-    if waves is not None:
-        wavefront = {name: ol.metrology.in_waves(known[name][0], waves) for name in ("rms", "pv", "pvr")}
-        numbers["waves"] = {"length_nm": waves} | wavefront
-    numbers |= {
-        "slope_rms_less_noise": [along_x.less_noise, along_y.less_noise],
-        "slope_rms_sigma": [along_x.sigma, along_y.sigma],
-    }
-    if profiles:
-        numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
-    if verdicts:
-        numbers["limits"] = {one.name: asdict(one) for one in verdicts}
+    numbers = _numbers(fit, along_x, along_y, waves, profiles) | (
+        {"limits": {one.name: asdict(one) for one in verdicts}} if verdicts else {}
+    )
     listed = None if terms is None else terms.listed(index, norm == "amplitude")
     if terms is not None and listed is not None:
         numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": listed.to_dict(), "norm": norm}
@@ -187,6 +172,48 @@ def command(
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
         circle = "circle of radius {:.6g} mm about ({:.6g}, {:.6g}) mm".format(terms.radius, *terms.middle)
         _fitted(f"Zernike terms of the residual, µm, {what}, {circle}", listed, 1e3)
+    _residual(fit, along_x, along_y, waves, shape)
+    if profiles:
+        rows = {
+            name: f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
+            for name, one in profiles.items()
+        }
+        table("Profiles of the residual", rows)
+    if verdicts:
+        table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
+    return 1 if any(one.verdict == "fail" for one in verdicts) else 0
+
+
+def _numbers(
+    fit: "ol.metrology.FormFit",
+    along_x: "ol.metrology.SlopeError",
+    along_y: "ol.metrology.SlopeError",
+    waves: float | None,
+    profiles: "dict[str, ol.metrology.Profile]",
+) -> dict[str, Any]:
+    """Of the fit, for --json."""
+    numbers: dict[str, Any] = fit.to_dict()
+    if waves is not None:
+        known = {"rms": fit.rms, "pv": fit.pv, "pvr": fit.pvr}
+        wavefront = {name: ol.metrology.in_waves(value, waves) for name, value in known.items()}
+        numbers["waves"] = {"length_nm": waves} | wavefront
+    numbers |= {
+        "slope_rms_less_noise": [along_x.less_noise, along_y.less_noise],
+        "slope_rms_sigma": [along_x.sigma, along_y.sigma],
+    }
+    if profiles:
+        numbers["profiles"] = {name: {"rms_mm": one.rms, "pv_mm": one.pv} for name, one in profiles.items()}
+    return numbers
+
+
+def _residual(
+    fit: "ol.metrology.FormFit",
+    along_x: "ol.metrology.SlopeError",
+    along_y: "ol.metrology.SlopeError",
+    waves: float | None,
+    shape: "_Shape",
+) -> None:
+    """Heights, PV, slope errors and the wavefront of what the form leaves."""
     less = quantity(fit.rms_less_noise, "mm", fit.less_noise_sigma, fit.rms)
     less = f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""
     x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))
@@ -200,19 +227,11 @@ def command(
         "left out": "the outermost ring of good pixels, whose centres may see no mirror",
     }
     if waves is not None:
-        scaled = ([ol.metrology.in_waves(each, waves) for each in known[name]] for name in ("rms", "pv"))
+        known = (fit.rms, fit.rms_sigma), (fit.pv, fit.pv_sigma)
+        scaled = ([ol.metrology.in_waves(each, waves) for each in one] for one in known)
         rms, pv = (quantity(value, "", sigma) for value, sigma in scaled)
         residual["wavefront"] = f"{rms} waves rms, PV {pv} waves of {waves:g} nm, twice the surface"
     table("Residual" + "".join(f", {text}" for text in shape.texts()), residual)
-    if profiles:
-        rows = {
-            name: f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
-            for name, one in profiles.items()
-        }
-        table("Profiles of the residual", rows)
-    if verdicts:
-        table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
-    return 1 if any(one.verdict == "fail" for one in verdicts) else 0
 
 
 @dataclass(frozen=True)
@@ -224,6 +243,20 @@ class _Shape:
     apertures: tuple[str, ...]
     highpass: float | None
     lowpass: float | None
+
+    @classmethod
+    def asked(
+        cls, form: str | None, nominal: Path | None, apertures: tuple[str, ...],
+        highpass: float | None, lowpass: float | None,
+    ) -> "_Shape":  # fmt: skip
+        """By the options. InputError where two exclude each other."""
+        if nominal is not None and form is not None:
+            raise InputError(f"--remove {form}: {nominal} is removed already; leave one out")
+        if highpass is not None and lowpass is not None and highpass <= lowpass:
+            raise InputError(
+                f"--highpass {highpass:g}: must be above --lowpass {lowpass:g}, else no wave is left"
+            )
+        return cls(form or "sphere", nominal, apertures, highpass, lowpass)
 
     def fitted(
         self, height: "ol.reconstruct.HeightMap", slopes: "ol.reconstruct.SlopeMap | None" = None

@@ -85,6 +85,9 @@ KEEP = Opt(
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
 
+_BUDGET = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
+
+
 @program("reconstruct", SAMPLE, partial(Many, captures="sources", imports=("reconstruct",)))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("C.npz")],
@@ -174,8 +177,7 @@ def command(
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers, scene.layer))
     if "budget_mm" in numbers:
-        title = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
-        grid(title, *budget_rows(numbers["budget_mm"]))
+        grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
     return 0 if height.good.any() and not height.implausible else 2
 
 

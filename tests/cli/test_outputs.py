@@ -8,11 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from optolever import InputError
 from optolever.files import write_json
+from optolever.patterns import sequence
+from optolever.projector import Capture
 
-from .conftest import SCENE, Chain, Refused
+from .conftest import SCENE, Chain, Program, Refused
 
 
 @contextmanager
@@ -117,3 +121,17 @@ def test_a_pipe_is_written_through() -> None:
     assert os.read(read, 99) == b'{\n  "a": 1\n}\n'
     os.close(read)
     os.close(write)
+
+
+def test_show_writes_its_pictures_without_a_display(
+    optolever: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none() -> None:
+        raise InputError("no display here")
+
+    monkeypatch.setattr("optolever.projector.monitors", none)
+    optolever("show", "--sequence", "gray", "--pixels", "16x12", "--pictures", tmp_path / "p")
+    shown = sequence("gray", 12, 16)
+    found = Capture.from_pictures(tmp_path / "p", shown)
+    np.testing.assert_array_equal(found.frames, shown.render())
+    assert Capture.load(tmp_path / "p").sequence == shown
