@@ -1,6 +1,6 @@
 """`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from math import isfinite, isinf, nan, radians
 from pathlib import Path
@@ -115,21 +115,16 @@ def command(
     """
     if order is None and (index, norm) != ("ansi", "rms"):
         raise InputError("--index, --norm: are of Zernike terms; add --zernike ORDER")
-    names = [limit.partition("=")[0] for limit in limits]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"--limit {name}: has {names.count(name)} limits, must be one")
+    _require_once(limits)
     shape = _Shape.asked(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
         alone: dict[str, object] = {"--slopes": slopes_path, "--zernike": order, "--profile": lines}
         alone |= {"--limit": limits, "--profiles": profiles_path, "--psd": psd_path, "--waves": waves}
-        for option, value in alone.items():
-            if value:
-                raise InputError(f"{option}: is of one map, not of {len(sources)}; leave it out")
+        _require_none(alone, len(sources))
         return _runs(sources, shape, turns, out, json_path)
     if turns is not None:
         raise InputError(f"--rotations {turns}: is of several maps; name each, with its turn")
-    source = sources[0]
+    (source,) = sources
     height = ol.metrology.load_measured(source)
     slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
     with blame(source):
@@ -141,8 +136,7 @@ def command(
             terms = ol.metrology.fit_zernike(left, order, slopes, radius, None, fit, centre)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
-        axes = () if psd_path is None else ("x", "y")
-        spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in axes}
+        spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in ("xy" if psd_path else "")}
     along_x, along_y = ol.metrology.slope_errors(fit)
     known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, fit.pv_sigma)}
     known |= {"slope_x": along_x.known, "slope_y": along_y.known}
@@ -156,17 +150,13 @@ def command(
     if terms is not None and listed is not None:
         numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": listed.to_dict(), "norm": norm}
     with ol.files.together():
-        if profiles_path is not None:
-            points = [(name, *row) for name, one in profiles.items() for row in _points(one)]
-            ol.files.write_rows(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), points)
-        if psd_path is not None:
-            points = [(name, *row) for name, one in spectra.items() for row in _points(one)]
-            ol.files.write_rows(psd_path, ("axis", "frequency_per_mm", "density_mm3"), points)
+        _write_points(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), profiles)
+        _write_points(psd_path, ("axis", "frequency_per_mm", "density_mm3"), spectra)
         if out is not None:
             fit.export(out, height)
         write_json(json_path, numbers)
     held = "".join(f", {name} = {value:g} given" for name, value in fit.held.items())
-    middle = f"x, y from the middle ({fit.middle[0]:.6g}, {fit.middle[1]:.6g}) mm"
+    middle = "x, y from the middle ({:.6g}, {:.6g}) mm".format(*fit.middle)
     _fitted(f"Form of {source}: {fit.form}{held}; {middle}", fit.numbers)
     if terms is not None and listed is not None:
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
@@ -182,6 +172,30 @@ def command(
     if verdicts:
         table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
     return 1 if any(one.verdict == "fail" for one in verdicts) else 0
+
+
+def _write_points(
+    path: Path | None,
+    heads: tuple[str, ...],
+    curves: "Mapping[str, ol.metrology.Profile] | Mapping[str, ol.metrology.Spectrum]",
+) -> None:
+    """The points of curves by name, into a file that is asked for."""
+    if path is not None:
+        rows = [(name, *row) for name, one in curves.items() for row in _points(one)]
+        ol.files.write_rows(path, heads, rows)
+
+
+def _require_once(limits: tuple[str, ...]) -> None:
+    names = [limit.partition("=")[0] for limit in limits]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--limit {name}: has {names.count(name)} limits, must be one")
+
+
+def _require_none(options: dict[str, object], maps: int) -> None:
+    for option, value in options.items():
+        if value:
+            raise InputError(f"{option}: is of one map, not of {maps}; leave it out")
 
 
 def _numbers(

@@ -134,15 +134,12 @@ def command(
         if facet is not None:
             raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5); leave it out")
         scene = load_scene(scene_name, size)
-    if keep_rest and (sofast or rest is not None or size is not None or not Path(scene_name).is_file()):
-        raise InputError(
-            f"--keep-rest: {scene_name} must be a rig's TOML (rig new), without --rest, --pixels"
-        )
+    if keep_rest:
+        _require_rig(scene_name, alone=rest is None and size is None and not sofast)
     if no_rest and rest is not None:
         raise InputError(f"--no-rest: --rest {rest_path} is given; leave one out")
-    known = not (no_rest or sofast or keep_rest) and rest is None and size is None
-    if known and "rest" in sections(scene_name):
-        rest = ol.calibration.load_rest(scene_name)
+    if rest is None:
+        rest = _kept_rest(scene_name, no_rest, sofast, keep_rest, size)
     with progress() as step:
         with blame(source):
             step("reconstruct")
@@ -158,10 +155,7 @@ def command(
                 height = replace(height, contacts=reconstruct.contacts(height, scene.layer))
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds}
-            if height.modes is not None:
-                numbers["budget_mm"] = reconstruct.budget(height)
-            if truth is not None:
-                numbers |= _against_truth(truth, correspondence, height)
+            numbers |= {} if truth is None else _against_truth(truth, correspondence, height)
             regular = height.resample(pitch) if grids else None
         step("write")
         with ol.files.together():
@@ -179,6 +173,19 @@ def command(
     if "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
     return 0 if height.good.any() and not height.implausible else 2
+
+
+def _kept_rest(scene: str, *without: object) -> "ol.decode.Correspondence | None":
+    """The rig's capture at rest, if it has one and nothing speaks against it."""
+    if any(without) or "rest" not in sections(scene):
+        return None
+    return ol.calibration.load_rest(scene)
+
+
+def _require_rig(scene: str, alone: bool) -> None:
+    """InputError unless --keep-rest can store in the scene's file."""
+    if not alone or not Path(scene).is_file():
+        raise InputError(f"--keep-rest: {scene} must be a rig's TOML (rig new), without --rest, --pixels")
 
 
 def _keep_rest(
@@ -199,7 +206,8 @@ def _keep_rest(
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:
     low, high = height_range(height)
     noise, rig = medians(height.good, height.sigma, height.calibration_sigma)
-    return {
+    budget = {} if height.modes is None else {"budget_mm": ol.reconstruct.budget(height)}
+    return budget | {
         "good_share": float(height.good.mean()),
         "z_min_mm": low,
         "z_max_mm": high,
