@@ -130,10 +130,10 @@ class Table:
         """All rows, sorted by name."""
         names = dict.fromkeys(str(name) for row in self.rows.values() for name in row.values if name)
         self._columns = [*_FIRST, *(name for name in names if name not in (*_FIRST, *_LAST)), *_LAST]
-        lines = [
-            [self.rows[name].values.get(each, "") for each in self._columns] for name in sorted(self.rows)
-        ]
-        ol.files.write_rows(self.path, self._columns, lines)
+        rows = (self.rows[name].values for name in sorted(self.rows))
+        ol.files.write_rows(
+            self.path, self._columns, ([row.get(each, "") for each in self._columns] for row in rows)
+        )
 
 
 class Many(Program):
@@ -232,20 +232,12 @@ class Batch:
     def outputs(self) -> list[Output]:
         """The table, and results of every capture; an older one is of an earlier run if its row has all its
         names."""
-
-        def made(path: Path, row: Row | None) -> bool:
-            known = row.files.get(path.name, {}) if row else {}
-            return bool(ol.files.stamps(path).keys() <= known.keys())
-
-        results = [
-            (self.out / file, self.table.rows.get(name))
-            for name in self.captures
-            for file in self.files(name).values()
-        ]
-        return [
-            Output(self.table.path, lambda _: self.table.known),
-            *(Output(path, partial(made, row=row)) for path, row in results),
-        ]
+        made = [Output(self.table.path, lambda _: self.table.known)]
+        for name in self.captures:
+            known = self.table.rows[name].files if name in self.table.rows else {}
+            files = self.files(name).values()
+            made += [Output(self.out / file, partial(_has, known.get(file, {}))) for file in files]
+        return made
 
     def files(self, name: str) -> dict[str, str]:
         """Names of the results that a capture's command may write, by its parameters."""
@@ -335,6 +327,11 @@ class Batch:
         files = {key: hidden / file for key, file in self.files(name).items() if key != "save_profile"}
         parameters = {**self.given, self.command.captures: (self.captures[name],), **files, **own}
         return Task(name, self.command.callback.__module__, parameters, os.getcwd(), hidden)
+
+
+def _has(known: Mapping[str, Any], path: Path) -> bool:
+    """Whether all names of a result are known."""
+    return bool(ol.files.stamps(path).keys() <= known.keys())
 
 
 def _notices(rows: Collection[Row]) -> Iterator[str]:

@@ -38,15 +38,9 @@ $ optolever calibrate --rig rig.toml rest ball:30,0.003
 1 of 2, rest: take everything off the mirror. Enter captures, s stops:
 """
 
-BESIDE = (".calibration.npz",)
-RIG = Opt(
-    "--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", RigFile(*BESIDE)
-)
-OUT = Opt(
-    "--out RIG.toml",
-    "Scene with covariance, to write; default: that of --rig.",
-    OutputFile(".toml", beside=BESIDE),
-)
+GIVEN, MADE = RigFile(".calibration.npz"), OutputFile(".toml", beside=(".calibration.npz",))
+RIG = Opt("--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", GIVEN)
+OUT = Opt("--out RIG.toml", "Scene with covariance, to write; default: that of --rig.", MADE)
 SEQUENCE = Rare("--sequence NAME[:KEY=VALUE,...]", "Of --rig.")
 RESUME = Opt("--resume", "Of --rig: go on with the captures of an unfinished calibration.")
 YES = Rare("--yes", "Of --rig: ask nothing; doubtful captures are set aside.")

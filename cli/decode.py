@@ -53,9 +53,7 @@ RESPONSE = Opt("--response RIG.toml|H5", "Response to levels: of a rig (`respons
 ROI = Opt("--roi TOP,LEFT,ROWS,COLS", "Decode this rectangle only; the rest of C.npz is INVALID.")
 LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma allows 0 to 0.6.", AT_LEAST_0)
 PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
-SAVE = Opt(
-    "--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or in a file.", PROFILES
-)
+SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or alone.", PROFILES)
 BLUR = Rare(
     "--blur CELLS", "Rms blur of the cells, for --response and look-ups; default: fitted.", AT_LEAST_0
 )

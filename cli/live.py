@@ -32,9 +32,8 @@ Live: prism48, 60 x 80 cells
 _RATED = 120  # readings: the rate is that of the last 60, the first ones are slow
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
-RECORD = Opt(
-    "--record DIR", "Folder to make with every frame that is read, and its reading, for replay.", NewFolder()
-)
+RIG = Opt("--rig RIG.toml", "Camera and display of this rig.", RigFile(".live.npz"))
+RECORD = Opt("--record DIR", "Folder to make with every frame and its reading, for replay.", NewFolder())
 PROBE = Opt("--probe X,Y", "Follow the height there, mm, with its spectrum; repeatable.")
 REST = Opt(
     "--rest FILE", "Rest of the mirror to use; default: the newest, kept beside the rig. new: measure it."
@@ -49,9 +48,7 @@ SOCKET = Rare(
 
 @program("live", SAMPLE)
 def command(
-    rig: Annotated[
-        Path | None, Opt("--rig RIG.toml", "Camera and display of this rig.", RigFile(".live.npz"))
-    ] = None,
+    rig: Annotated[Path | None, RIG] = None,
     changes: Changes = (),
     rest: Annotated[str | None, REST] = None,
     scene_name: Annotated[str, preset("; its [layer] gives forces")] = "prism48",

@@ -33,11 +33,8 @@ SCREEN = Opt("--monitor NAME", "[devices]: display, as `optolever camera devices
 FOCAL = Opt("--focal MM", "Focal length, with --pixel in place of the view.", ABOVE_0)
 PIXEL = Opt("--pixel MM", "Pitch of the camera's pixels, with --focal.", ABOVE_0)
 PITCH = Opt("--pitch MM", "Pitch of the display's pixels, in place of --diagonal.", ABOVE_0)
-OUT = Opt(
-    "--out RIG.toml",
-    "File to write; RIG.png is its drawing.",
-    OutputFile(".toml", bare=False, beside=(".png",)),
-)
+DRAWN = OutputFile(".toml", bare=False, beside=(".png",))
+OUT = Opt("--out RIG.toml", "File to write; RIG.png is its drawing.", DRAWN)
 Number: TypeAlias = float | None
 
 

@@ -93,10 +93,7 @@ def workers(jobs: int, scheduler: str | None, modules: Sequence[str]) -> Iterato
             for outcome in _outcomes(pool, tasks):
                 del left[outcome.name]
                 yield outcome
-            for (
-                name,
-                task,
-            ) in left.items():  # a killed process ends its pool: each alone shows which one it is
+            for name, task in left.items():  # a kill ends the pool: alone, each shows whether it was it
                 with _pool(1, modules) as alone:
                     yield next(_outcomes(alone, [task]), Outcome(name, 2, _KILLED))
 

@@ -104,9 +104,10 @@ class Call:
                 value = GIVEN[str(each.metavar)]
                 values = [value, f"other/{value}"] if many and taken else [value]
                 words += values if isinstance(each, click.Argument) else [each.opts[0], *values]
-        if any(isinstance(each.type, Shape) and each.type.least == 8 for each in command.params):
-            words += SIZE
-        return cls(name, command, words + ([] if many else MORE.get(name, [])), outputs, many)
+        more = [] if many else MORE.get(name, [])
+        sized = any(isinstance(each.type, Shape) and each.type.least == 8 for each in command.params)
+        words += [*(SIZE if sized and "--keep-rest" not in more else ()), *more]
+        return cls(name, command, words, outputs, many)
 
     def run(self, values: Mapping[str, str]) -> int:
         flags = {flag for each in self.command.params for flag in each.opts}
