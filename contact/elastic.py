@@ -113,17 +113,21 @@ class _Base(NamedTuple):
 
 
 def elastic_fits(
-    surface: Surface, regions: Sequence[Region], layer: Layer | None, resolution: float = 0.0
+    surface: Surface,
+    regions: Sequence[Region],
+    layer: Layer | None,
+    resolution: float = 0.0,
+    thin: bool = True,
 ) -> list[ElasticFit | None]:
     """Of every region of a map less rest, in their order; None where no such pressure makes the heights
     around. layer: elastic, its modulus does not matter, None: a half-space; where no thickness is given and a
-    half-space does not make the field, a thickness is looked for. resolution: smaller contacts (radius, mm)
-    look wider in the map than they are."""
+    half-space does not make the field, a thickness is looked for if `thin`. resolution: smaller contacts
+    (radius, mm) look wider in the map than they are."""
     poisson, thickness = (0.5, None) if layer is None else (layer.poisson, layer.thickness_mm)
     base = _Base(thickness or math.inf, poisson)
     found: list[ElasticFit | None] = [None] * len(regions)
     clear = [float(surface.good[one.box][one.inside].mean()) > _CLEAR for one in regions]
-    for search in (False, True)[: 1 + (thickness is None)]:
+    for search in (False, True)[: 1 + (thin and thickness is None)]:
         # half a disc is as long as two: it is one, unless one does not make the field
         for single in (True, False)[0 if any(one.cut for one in regions) else 1 :]:
             if None in found:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from optolever.contact import Contact, Region, Surface, contacts, regions
+from optolever.contact import Contact, ElasticFit, Region, Surface, contacts, elastic_fits, regions
 from optolever.errors import InputError
 from optolever.kernels import plain
 
@@ -32,6 +32,7 @@ _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _SAME = 0.1  # of a contact's radius: one that moves less between rounds is the same
 _KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
+_AGAIN, _FITTED = 2, 2000  # fits of an elastic field behind a hole; cells of the map
 _RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
 
@@ -73,18 +74,16 @@ class Live:
         hidden = np.where(good, noise, np.float32(_HIDDEN) * prepared.noise.sigma)
         draws = prepared.noise.draws
         surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes), draws=draws)
-        pressing = () if judge(figures).broken else regions(surface, _COLUMNS)
-        pressing = tuple(one for one in pressing if not _is_dust(one, dusty, good))
-        if lost := _lost_in_kinks(prepared, settled, z, pressing):
-            modes = np.concatenate([modes, lost])
-            sigma, surface = np.sqrt(sigma**2 + np.square(lost).sum(axis=0)), replace(surface, modes=modes)
+        dents = () if judge(figures).broken else regions(surface, _COLUMNS)
+        pressing = [one for one in dents if not _is_dust(one, dusty, good)]
+        lost = _lost_in_kinks(prepared, settled, z, pressing)
+        sigma = np.sqrt(np.square(sigma) + np.square(lost).sum(axis=0))
+        error, still = np.float32(prepared.error or 0.0), max(prepared.edge, abs(figures.sinking))
+        surface = replace(surface, modes=np.stack([error * z, *lost, *modes]))
         verdict = judge(figures, self._faded, steep and not pressing, _share(dusty, rig.lit), strays)
-        found = contacts(surface, pressing, prepared.layer) if verdict.trusted else ()
-        least = _RESOLVED * rig.carriers.spread * math.sqrt(prepared.area)
-        touches = self._touches.named([_bounded(one, one.radius < least) for one in found])
+        touches = self._touches.named(_touching(prepared, surface, pressing) if verdict.trusted else ())
         # far from rest the fit's first order makes dents of its own
         free = not pressing or (not verdict.trusted and alone < UNEXPLAINED)
-        error, still = np.float32(prepared.error or 0.0), max(prepared.edge, abs(figures.sinking))
         return Reading(
             z=z,
             sigma=sigma,
@@ -175,29 +174,48 @@ def _same(before: list[_Found], after: list[_Found]) -> bool:
     )
 
 
-def _bounded(one: Contact, narrow: bool) -> Contact:
-    """One that the window does not resolve is at least so deep."""
-    return replace(one, hole=one.hole or narrow, depth_at_least=one.depth_at_least or narrow)
-
-
 def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
     """Whether a region is hardly more than a hole to which no flank rises."""
     inside, at = region.inside, region.box
     return bool(np.count_nonzero(inside & dusty[at]) > np.count_nonzero(inside & good[at]))
 
 
-def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> list[Cells]:
-    """A mode (R, C), mm, of each region: what of the slope the window loses at its sharpest kink is lacking
+def _touching(prepared: Prepared, surface: Surface, regions: Sequence[Region]) -> Sequence[Contact]:
+    """The contacts; where part of one is not measured, forces and depths are by the field around."""
+    layer, fits = prepared.layer, list[ElasticFit | None]()
+    least = _RESOLVED * prepared.rig.carriers.spread * math.sqrt(prepared.area)
+    if any(one.hole or one.cut or one.radius < least for one in regions):
+        some, every = np.zeros_like(surface.good), math.ceil(math.sqrt(surface.good.size / _FITTED))
+        some[::every, ::every] = True
+        few = replace(surface, good=surface.good & some)
+        fits = elastic_fits(few, regions, layer, least, thin=False)
+        for _ in range(_AGAIN):  # what hides its middle makes a contact look wide and shallow
+            placed = [_placed(*pair) for pair in zip(regions, fits, strict=True)]
+            if any(one.hole and fit for one, fit in zip(regions, fits, strict=True)):
+                fits = elastic_fits(few, placed, layer, least, thin=False)
+    found = contacts(surface, regions, layer, fits)
+    return [replace(one, depth_at_least=True) if one.radius < least else one for one in found]
+
+
+def _placed(region: Region, fit: ElasticFit | None) -> Region:
+    """A region where its fit is."""
+    if fit is None:
+        return region
+    x, y, radius = fit.values[:3].tolist()
+    return replace(region, x=x, y=y, radius=radius, circles=((x, y, radius),))
+
+
+def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> Cells:
+    """Modes (k, R, C), mm, of the regions: what of the slope the window loses at its sharpest kink is lacking
     in all heights within. Beside cells without a height nothing is known of it."""
-    reach, lost = prepared.rig.carriers.window.size // 2, list[Cells]()
+    reach, lost = prepared.rig.carriers.window.size // 2, np.zeros((len(regions), *z.shape), np.float32)
     apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8))
     smoothed = _smoothed(prepared, settled) * apart if regions else z
-    for one in regions:
-        mode, inside = np.zeros_like(z), one.inside * apart[one.box]
+    for one, mode in zip(regions, lost, strict=True):
+        inside = one.inside * apart[one.box]
         sharp = np.square((settled.residual[one.box] * inside).max() / max(_KINK * settled.usual, 1e-6))
         within = np.clip(2 * z[one.box] / np.float32(one.depth) - 1, 0, 1) * one.inside
         mode[one.box] = within * (smoothed[one.box] * inside).max() * (sharp / (1 + sharp))
-        lost.append(mode)
     return lost
 
 

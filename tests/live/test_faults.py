@@ -79,6 +79,19 @@ def test_a_line_without_a_fringe_moves_no_height(
     assert len(reading.touches) == len(dents)
 
 
+@pytest.mark.parametrize("side", [16, 24])
+def test_dust_is_no_contact(prepared: Prepared, shot: Shot, side: int) -> None:
+    """A speck of two periods of the fringe was a contact of 3 um."""
+    for seed, (row, col) in enumerate(((81, 90), (110, 200))):
+        frame = shot((), seed).copy()
+        frame[row : row + side, col : col + side] = 12
+        reading = Live(prepared).update(frame)
+        assert reading.trusted, reading.reason
+        assert not reading.touches
+        assert "Dust or a hair" in str(reading.notices)
+        assert not (np.abs(reading.z) > 5 * reading.sigma)[reading.good].any()
+
+
 def test_a_mirror_in_a_part_of_the_picture_is_trusted(rest: Rest, prepared: Prepared, shot: Shot) -> None:
     """36 rows of cells: where a block of 32 lies in them is not for the picture's corner to say."""
     rows = np.arange(240)[:, None]
