@@ -35,12 +35,12 @@ from .rig import open_rig as open
 from .server import LiveServer
 from .source import Newest, Source, VirtualFinger, virtual_rig
 from .spectrum import Line, Spectrum, spectrum_of
-from .stream import Live
+from .stream import RESOLVED, Live
 from .touches import Force, Touch, Touches
 from .web import Web
 
 __all__ = [
-    "COMPRESSED", "TRACES", "ContactTable", "Figures", "Followed", "Force", "Line", "Live",
+    "COMPRESSED", "RESOLVED", "TRACES", "ContactTable", "Figures", "Followed", "Force", "Line", "Live",
     "LiveServer", "Newest", "Noise", "Prepared", "Probe", "Probed", "Probes", "Reading",
     "ReadingRecorder", "ReadingSocket", "Readings", "Replayed", "Source", "Spectrum", "Touch",
     "Touches", "VirtualFinger", "Web", "follow", "fringe_period", "has_readings", "kept_rest",

@@ -219,12 +219,8 @@ def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: igno
     cell = frame.shape[1]
     area = _f4(1) / _f4(cell * cell)
     line, here = np.empty((5, cols + 2), np.float32), np.empty((5, cols), np.float32)
-    cos_u, sin_u, cos_v, sin_v = (
-        np.empty(cols, np.float32),
-        np.empty(cols, np.float32),
-        np.empty(cols, np.float32),
-        np.empty(cols, np.float32),
-    )
+    cos_u, sin_u = np.empty(cols, np.float32), np.empty(cols, np.float32)
+    cos_v, sin_v = np.empty(cols, np.float32), np.empty(cols, np.float32)
     counted, whole, r = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
     for i in range(start, stop):
         for k in range(7):

@@ -11,7 +11,7 @@ from optolever.contact import Contact, ElasticFit, Region, Surface, contacts, el
 from optolever.errors import InputError
 from optolever.kernels import plain
 
-from .arrays import Cells, Float, Frame, Mask
+from .arrays import Cells, Frame, Mask
 from .chain import COMPRESSED, Settled
 from .circulation import circulations
 from .holes import holes_of
@@ -22,7 +22,7 @@ from .strays import settle_without_strays
 from .touches import Touches, forces_of
 from .verdict import FADED, UNEXPLAINED, judge
 
-__all__ = ["Live"]
+__all__ = ["RESOLVED", "Live"]
 
 _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
@@ -30,10 +30,9 @@ _LEAST_STRENGTH = 0.05
 _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
-_SAME = 0.1  # of a contact's radius: one that moves less between rounds is the same
 _KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
 _AGAIN, _FITTED = 2, 2000  # fits of an elastic field behind a hole; cells of the map
-_RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
+RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
 
 _Found = tuple[tuple[float, float, float], float]  # circle and depth of a contact, mm
@@ -84,24 +83,12 @@ class Live:
         touches = self._touches.named(_touching(prepared, surface, pressing) if verdict.trusted else ())
         # far from rest the fit's first order makes dents of its own
         free = not pressing or (not verdict.trusted and alone < UNEXPLAINED)
+        total = np.sqrt(np.square(sigma) + np.float32(still**2) + np.square(error * z))
         return Reading(
-            z=z,
-            sigma=sigma,
-            total_sigma=np.sqrt(np.square(sigma) + np.float32(still**2) + np.square(error * z)),
-            noise=noise,
-            moved=moved,
-            good=good,
-            x=x,
-            y=y,
-            trusted=verdict.trusted,
-            reason=verdict.reason,
-            notices=verdict.notices,
-            figures=figures,
-            time=time,
-            tareable=free and not verdict.broken,
-            touches=touches,
-            forces=forces_of(touches),
-        )
+            z=z, sigma=sigma, total_sigma=total, noise=noise, moved=moved, good=good, x=x, y=y,
+            trusted=verdict.trusted, reason=verdict.reason, notices=verdict.notices, figures=figures,
+            time=time, tareable=free and not verdict.broken, touches=touches, forces=forces_of(touches),
+        )  # fmt: skip
 
     def _deviation(self, settled: Settled, z: Cells, noise: Cells) -> tuple[Deviation, float]:
         """From rest, and the misfit of a motion of the picture alone: contacts and their load in turn, on a
@@ -122,7 +109,7 @@ class Live:
             coarse = Surface(x, y, z[few] + moved, noise, good, modes=found.modes(self.creep, every))
             after = [(circle, one.depth) for one in regions(coarse) for circle in one.circles]
             still = float(np.abs(moved - last)[good].max(initial=0.0)) < float(np.median(noise))
-            if still and _same(before, after):
+            if still and len(before) == len(after):
                 break
             before, last = after, moved
         return found, alone
@@ -146,32 +133,17 @@ class Live:
         full = (frame[few] >= rig.carriers.full)[rig.carriers.lit[few] > 0]
         level = settled.state.level
         sigmas = deviation.sigmas.tolist()
+        light = level[few] / np.maximum(rig.rest.level[few], 1)
         return Figures(
-            light=float(np.median((level[few] / np.maximum(rig.rest.level[few], 1))[rig.lit[few]])),
+            light=float(np.median(light[rig.lit[few]])),
             contrast=float(np.median(settled.contrast[few][good[few]])) if good[few].any() else 0.0,
-            saturated=float(np.mean(full)),
-            lost=1 - _share(good, rig.lit),
-            anchored=_share(good, rig.mirror.anchor[0] > 0),
-            curl=curl,
-            left=settled.left,
-            shift=(along, down),
-            shift_sigma=max(sigmas[:2]),
-            sinking=creep.sinking * along,
-            tilt=creep.tilt * along,
-            roll=creep.turn * turned,
-            roll_sigma=creep.turn * sigmas[2],
-            misfit=deviation.misfit,
-            noise=float(np.sqrt(settled.usual)),
-            steps=settled.steps,
+            saturated=float(np.mean(full)), lost=1 - _share(good, rig.lit),
+            anchored=_share(good, rig.mirror.anchor[0] > 0), curl=curl, left=settled.left,
+            shift=(along, down), shift_sigma=max(sigmas[:2]), sinking=creep.sinking * along,
+            tilt=creep.tilt * along, roll=creep.turn * turned, roll_sigma=creep.turn * sigmas[2],
+            misfit=deviation.misfit, noise=float(np.sqrt(settled.usual)), steps=settled.steps,
             used=(1 - settled.jacobian) / (1 - COMPRESSED),
-        )
-
-
-def _same(before: list[_Found], after: list[_Found]) -> bool:
-    """Whether the same contacts are found."""
-    return len(before) == len(after) and all(
-        math.dist(one[0], other[0]) < _SAME * other[0][2] for one, other in zip(before, after, strict=True)
-    )
+        )  # fmt: skip
 
 
 def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
@@ -183,7 +155,7 @@ def _is_dust(region: Region, dusty: Mask, good: Mask) -> bool:
 def _touching(prepared: Prepared, surface: Surface, regions: Sequence[Region]) -> Sequence[Contact]:
     """The contacts; where part of one is not measured, forces and depths are by the field around."""
     layer, fits = prepared.layer, list[ElasticFit | None]()
-    least = _RESOLVED * prepared.rig.carriers.spread * math.sqrt(prepared.area)
+    least = RESOLVED * prepared.rig.carriers.spread * math.sqrt(prepared.area)
     if any(one.hole or one.cut or one.radius < least for one in regions):
         some, every = np.zeros_like(surface.good), math.ceil(math.sqrt(surface.good.size / _FITTED))
         some[::every, ::every] = True
@@ -228,18 +200,13 @@ def _noise_scale(prepared: Prepared, settled: Settled) -> float:
     return max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
 
 
-def _both(one: Cells | Float, other: Cells) -> Cells:
-    """np.hypot takes some times longer."""
-    return np.asarray(np.sqrt(one * one + other * other), np.float32)
-
-
 def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0) -> Cells:
     """Sigma by noise at rest, scaled to this frame's noise and amplitude and by Birge's factor, squared, the
     inconsistency of its slopes; the predicted change by further steps; and what the window still smooths."""
     factor = np.float32(np.sqrt(_noise_scale(prepared, settled) * birge))
     noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
-    sigma = _both(_both(noise, settled.ahead), _smoothed(prepared, settled))
-    return np.where(settled.good, sigma, np.float32(np.inf))
+    ahead, smoothed = np.square(settled.ahead), np.square(_smoothed(prepared, settled))
+    return np.where(settled.good, np.sqrt(noise * noise + ahead + smoothed), np.float32(np.inf))
 
 
 def _smoothed(prepared: Prepared, settled: Settled) -> Cells:

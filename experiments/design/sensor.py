@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from optolever.live import COMPRESSED
+from optolever.live import COMPRESSED, RESOLVED, fringe_period
 from optolever.patterns import sequence_from_text
 from optolever.reconstruct import null_space
 from optolever.scene import Scene, dent
@@ -106,7 +106,8 @@ class SensorMaps:
     total at rest, NaN without a medium; reflectance; path: mirror to pattern, mm; lever: cells per mrad;
     fold_radius: of curvature (mm) along x below which the image folds; free_mode: the undetermined height
     mode, maximum 1; sigma: of the height, mm, for the given sequence and noise; balls: depth (mm) of a
-    ball's contact in the middle, by its radius (mm), up to which `live` has a height in every cell.
+    ball's contact in the middle, by its radius (mm), up to which `live` has a height in every cell;
+    smallest: radius (mm) of the contacts whose depth `live` resolves, of narrower ones it is a lower bound.
     """
 
     x: Floats
@@ -122,6 +123,7 @@ class SensorMaps:
     free_mode: Floats
     sigma: Floats
     balls: dict[float, float]
+    smallest: float
 
     def numbers(self) -> dict[str, float]:
         """Medians over the pixels (worst: the minimum), share with the pattern in view; slopes in degrees."""
@@ -141,6 +143,7 @@ class SensorMaps:
             "sigma_mm": _median(self.sigma),
             "sigma_rms_mm": math.sqrt(float(np.nanmean(self.sigma**2))) if visible.any() else math.nan,
             **{f"ball_{radius:g}mm_depth_mm": depth for radius, depth in self.balls.items()},
+            "smallest_contact_radius_mm": self.smallest,
         }
 
 
@@ -161,20 +164,27 @@ def sensor_maps(scene: Scene, sequence: str = "gray+phase", noise: float = 1.0) 
         reflectance = thin.medium.reflectance(cosine)
     x = np.where(rest.inside, rest.points[..., 0], np.nan)
     fold_radius = 2 * path / cosine
-    balls = {radius: _ball_depth(rest, fold_radius, radius) for radius in BALLS}
+    cell = _cell_on_mirror(rest)
+    balls = {radius: _ball_depth(rest, fold_radius, radius, cell) for radius in BALLS}
     return SensorMaps(
         x, low, high, low_y, high_y, margin, reflectance, path, rest.lever(),
         fold_radius, null_space(thin), _sigma(lever, sequence, noise), balls,
+        RESOLVED * fringe_period(scene) / 2 * cell,
     )  # fmt: skip
 
 
-def _ball_depth(rest: Rest, fold_radius: Floats, radius: float) -> float:
-    """Depth at which the largest curvature along x, smoothed, is FOLDED of that which folds the image."""
+def _cell_on_mirror(rest: Rest) -> float:
+    """A cell of the pattern as seen in the mirror, mm, along its longer side."""
     u, v, _, _ = rest.reflected(0.0, "x")
-    x, y = rest.points[..., 0], rest.points[..., 1]
     slopes = (_median(np.hypot(*np.gradient(part))) for part in (u, v))
-    (x_row, x_col), (y_row, y_col) = np.gradient(x), np.gradient(y)
-    smoothed = SMOOTHED / min(slopes) * math.sqrt(_median(np.abs(x_col * y_row - x_row * y_col)))
+    (x_row, x_col), (y_row, y_col) = (np.gradient(rest.points[..., k]) for k in (0, 1))
+    return math.sqrt(_median(np.abs(x_col * y_row - x_row * y_col))) / min(slopes)
+
+
+def _ball_depth(rest: Rest, fold_radius: Floats, radius: float, cell: float) -> float:
+    """Depth at which the largest curvature along x, smoothed over so many mm of a cell, is FOLDED of that
+    which folds the image."""
+    x, smoothed = rest.points[..., 0], SMOOTHED * cell
     peak, mirror = 1e-3, rest.scene.mirror
     line, step = np.linspace(0, mirror.length, 4001, retstep=True)
     ball = dent("ball", rest.scene, peak=peak, radius=radius**2 / peak)
