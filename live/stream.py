@@ -31,6 +31,7 @@ _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measu
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
+_AS_DEEP = 0.8  # of a contact's measured depth
 _AGAIN, _FITTED = 2, 2000  # fits of an elastic field behind a hole; cells of the map
 RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
@@ -165,6 +166,8 @@ def _touching(prepared: Prepared, surface: Surface, regions: Sequence[Region]) -
             placed = [_placed(*pair) for pair in zip(regions, fits, strict=True)]
             if any(one.hole and fit for one, fit in zip(regions, fits, strict=True)):
                 fits = elastic_fits(few, placed, layer, least, thin=False)
+        pairs = zip(regions, fits, strict=True)  # a field that fades makes none as deep as what is measured
+        fits = [fit if fit and fit.values[3] > _AS_DEEP * one.depth else None for one, fit in pairs]
     found = contacts(surface, regions, layer, fits)
     return [replace(one, depth_at_least=True) if one.radius < least else one for one in found]
 
