@@ -12,9 +12,9 @@
 - `questions`: the questions about a rig, of `rig new` and `start`
 - `start`: the walk from a camera to a live height; `start_steps`: its steps;
   `start_front`: who asks, on the terminal; `start_page`: on a page; `views`: pictures to aim by
-- one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `decode`, `reconstruct`, `calibrate`,
-  `report`, `live`, `design`; `camera` with `devices`, `expose`, `sync`, `record`, `replay`, `measure`;
-  `form`, `export`, `sample`, `response`;
+- one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `decode`, `explain`, `reconstruct`,
+  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `expose`, `sync`, `record`,
+  `replay`, `measure`; `form`, `export`, `sample`, `response`;
   `window` is the command `show`
 """
 

@@ -10,7 +10,7 @@ import click
 SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Commands": (
         *("demo", "start", "doctor", "rig", "show", "simulate"),
-        *("decode", "reconstruct", "calibrate", "report", "live", "design"),
+        *("decode", "explain", "reconstruct", "calibrate", "report", "live", "design"),
     ),
     "Further commands": ("camera", "form", "export", "sample", "response"),
 }

@@ -54,6 +54,9 @@ ROI = Opt("--roi TOP,LEFT,ROWS,COLS", "Decode this rectangle only; the rest of C
 LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma allows 0 to 0.6.", AT_LEAST_0)
 PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
 SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or alone.", PROFILES)
+WITHOUT = Opt(
+    "--without N,...", "Numbers of pictures to leave out, from 0; the others hold the place if they can."
+)
 BLUR = Rare(
     "--blur CELLS", "Rms blur of the cells, for --response and look-ups; default: fitted.", AT_LEAST_0
 )
@@ -74,6 +77,7 @@ def command(
     channel: Annotated[Literal["red", "green", "blue", "luminance"], CHANNEL] = "luminance",
     lens: Annotated[float | None, LENS] = None,
     blur: Annotated[float | None, BLUR] = None,
+    left_out: Annotated[str | None, WITHOUT] = None,
     json_path: Json = None,
 ) -> int:
     """Find the pattern coordinates of every pixel, with sigma.
@@ -86,11 +90,11 @@ def command(
     source = sources[0]
     with progress() as step:
         step("read frames")
-        capture = _read(sources, text, display, description, channel)
+        capture = read_capture(sources, text, display, description, channel, left_out)
         step("decode")
         with blame(source):
             start = time.perf_counter()
-            inside = _inside(mask_path, roi, capture.shape)
+            inside = mask_of(mask_path, roi, capture.shape)
             light = None if response is None else _response(response)
             settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur)
             known = None
@@ -116,6 +120,7 @@ def command(
             "frames": len(capture),
             "seconds": seconds,
             "faults": [notice.name for notice in found],
+            "tests": [one.to_dict() for one in result.tests],
             "notices": [asdict(notice) for notice in result.notices],
             "profile": [] if kept is None else [effect._asdict() for effect in kept.effects()],
         }
@@ -158,7 +163,7 @@ def _numbers(result: "ol.decode.Correspondence") -> dict[str, Any]:
     }
 
 
-def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":
+def mask_of(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":
     """Pixels (H, W) inside --mask and --roi; None: all."""
     import numpy as np
 
@@ -176,6 +181,24 @@ def _inside(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDAr
             raise InputError(f"--roi {roi}: reaches beyond the frames of {shape[1]}x{shape[0]} pixels")
         inside &= rectangle
     return inside
+
+
+def read_capture(
+    sources: tuple[Path, ...],
+    text: str | None,
+    display: tuple[int, int] | None,
+    description: Path | None,
+    channel: str,
+    left_out: str | None,
+) -> "ol.projector.Capture":
+    """Pictures of any source; left_out: numbers of those that are not used."""
+    capture = _read(sources, text, display, description, channel)
+    if left_out is None:
+        return capture
+    numbers = [whole("--without", each) for each in listed("--without", left_out, "numbers from 0, N,N,...")]
+    kept, shown = ol.decode.without(capture.sequence, numbers)
+    times = None if capture.timestamps is None else capture.timestamps[list(kept)]
+    return replace(capture, frames=capture.frames[list(kept)], sequence=shown, timestamps=times)
 
 
 def _read(

@@ -12,12 +12,9 @@
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |
 | `rims`       | places beside unlit pixels, behind a lens                                                |
-| `order`      | wrong frames, by the decoder's score                                                     |
-| `contradiction` | bits and fringes that contradict each other, and the cause                            |
-| `causes`     | why few pixels are good                                                                  |
+| `diagnosis/` | whether the frames are those described; why not, when asked                              |
 | `codes/`     | fringes, bits, orders, look-ups                                                          |
 | `effects/`   | lag, motion, shared noise: one interface                                                 |
-| `coverage`   | how much of the image the mirror fills                                                   |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.001 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
@@ -26,14 +23,15 @@ A pixel's answer depends on its samples, its neighbourhood of 7 x 7 (beside unli
 """
 
 from .capture import compile_neighbours
-from .coverage import mirror_coverage
 from .decoder import Decoder, decode, estimate_profile
+from .diagnosis import Mistake, explain, mirror_coverage, without
 from .effects import Effect
 from .frames import Response, Settings
 from .profile import RigProfile
 from .records import Correspondence, Flag, SharedNoise
 
 __all__ = [
-    "Correspondence", "Decoder", "Effect", "Flag", "Response", "RigProfile", "Settings", "SharedNoise",
-    "compile_neighbours", "decode", "estimate_profile", "mirror_coverage",
+    "Correspondence", "Decoder", "Effect", "Flag", "Mistake", "Response", "RigProfile", "Settings",
+    "SharedNoise", "compile_neighbours", "decode", "estimate_profile", "explain", "mirror_coverage",
+    "without",
 ]  # fmt: skip

@@ -19,12 +19,12 @@ from .codes.bits import bit_tables
 from .codes.fringe import Misfit, bent, fringe_table, measure_misfit, straightened, three_step_aliasing
 from .codes.lookup import Lines, LookUp, Table, beside, lookup_rows, prepare, table_of
 from .codes.orders import Orders, order_table
-from .contradiction import contradictions
+from .diagnosis.tests import Decoded, Verdict, judged
+from .diagnosis.windows import EVERY
 from .effects import View, lag, motion, shared
 from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
-from .order import Repair, find_order
 from .pixels import AxisTable, Maps, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled
@@ -89,43 +89,33 @@ def lit_sample(light: Light, inside: Mask, wider: int = 1) -> Sample:
 def estimated(
     light: Light, sequence: Sequence, settings: Settings, mask: Mask
 ) -> tuple[Correspondence, Prepared | None]:
-    """Put the frames in order, estimate their profile, and decode by it. None: they are not as described, so
-    that the profile is of this capture only."""
-    around = None if mask is None else scipy.ndimage.minimum_filter(mask, _BLOCK)  # whole blocks of the mask
-    repair = find_order(light.raw, sequence, around)
-    if repair is None:
-        return _decoded(light, sequence, settings, mask)
-    found, *others = (_decoded(*_repaired(light, one), settings, mask)[0] for one in (repair, *repair.others))
-    wrong = np.full(found.flags.shape, not repair.solved)
-    for other in others:
-        for one, two, sigma in ((found.u, other.u, found.sigma_u), (found.v, other.v, found.sigma_v)):
-            wrong |= ~(np.abs(one - two) <= 5 * sigma) & np.isfinite(sigma)
-    np.bitwise_or(found.flags, np.where(wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0)), out=found.flags)
-    notice = Notice(repair.name, float("nan"), float("nan"), repair.cure)
-    return replace(found, notices=(notice, *found.notices)), None
-
-
-def _repaired(light: Light, repair: Repair) -> tuple[Light, Sequence]:
-    return replace(light, raw=np.ascontiguousarray(light.raw[repair.order])), repair.sequence
-
-
-def _decoded(
-    light: Light, sequence: Sequence, settings: Settings, mask: Mask
-) -> tuple[Correspondence, Prepared | None]:
-    """Frames in order; what contradicts itself estimates nothing."""
-    found, ready = _estimated(light, sequence, settings, mask, mask)
-    numbers = _numbers(light), _noise(ready), plan(sequence), ready.tables
-    wrong, notices = contradictions(found.flags, *numbers, _moved(ready))
-    if not wrong.any():
-        return found, ready
-    if not wrong.all():
-        inside = ~wrong if mask is None else mask & ~wrong
-        other, rest = _estimated(light, sequence, settings, mask, inside)
+    """Estimate a profile, and decode by it; pixels that the tests refuse estimate nothing. None: all are
+    refused."""
+    found, ready, verdict = _estimated(light, sequence, settings, mask, mask)
+    if verdict.wrong.any() and not verdict.wrong.all():
+        inside = ~verdict.wrong if mask is None else mask & ~verdict.wrong
+        other, rest, _ = _estimated(light, sequence, settings, mask, inside)
         if _moved(rest):
-            return found, ready  # it is the cause, and sigma holds it
-        found, ready, notices = other, rest, (*notices, *other.notices)
-    flags = found.flags | np.where(wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0))
-    return replace(found, flags=flags, notices=notices), None if wrong.all() else ready
+            return replace(found, tests=verdict.tests), ready  # it is the cause, and sigma holds it
+        found, ready = other, rest
+    return _refused(found, verdict), None if verdict.wrong.all() else ready
+
+
+def applied(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> Correspondence:
+    """Decode all pixels by a prepared decoder, and test whether the frames are those described."""
+    return _refused(*_tested(light, sequence, ready, mask))
+
+
+def _tested(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> tuple[Correspondence, Verdict]:
+    found, residual = _mapped(light, ready, mask)
+    around = None if mask is None else scipy.ndimage.minimum_filter(mask, _BLOCK)  # whole blocks of the mask
+    numbers = _noise(ready), ready.tables, ready.matrix
+    return found, judged(Decoded(found, residual, light, sequence, *numbers, _moved(ready), around))
+
+
+def _refused(found: Correspondence, verdict: Verdict) -> Correspondence:
+    flags = found.flags | np.where(verdict.wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0))
+    return replace(found, flags=flags, notices=(*verdict.notices, *found.notices), tests=verdict.tests)
 
 
 def _moved(ready: Prepared) -> bool:
@@ -134,7 +124,7 @@ def _moved(ready: Prepared) -> bool:
 
 def _estimated(
     light: Light, sequence: Sequence, settings: Settings, mask: Mask, inside: Mask
-) -> tuple[Correspondence, Prepared]:
+) -> tuple[Correspondence, Prepared, Verdict]:
     """Decoded in a mask, by a profile of the pixels inside of another."""
     looked_up = any(axis.looked_up for axis in plan(sequence).axes)
     sample = lit_sample(light, inside, _WIDER if looked_up else 1)
@@ -142,7 +132,8 @@ def _estimated(
     ready = ready._replace(
         profile=ready.profile._replace(sampled=_statistics(light, ready, raw_at(light, sample.places)))
     )
-    return applied(light, ready, mask), ready
+    found, verdict = _tested(light, sequence, ready, mask)
+    return found, ready, verdict
 
 
 def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:
@@ -453,14 +444,15 @@ def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     )
 
 
-def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
-    """Decode all pixels by a prepared decoder."""
+def _mapped(light: Light, ready: Prepared, mask: Mask) -> tuple[Correspondence, F32]:
+    """Decoded pixels, and the residuals (chi2) of every EVERY-th one."""
     _, rows, cols = light.raw.shape
     axes = len(ready.axes)
     # one piece of memory: the system clears small ones anew for every capture
     maps = np.empty((2 * axes + 3, rows, cols), np.float32)
     coordinate, sigma, (amplitude, offset, error) = maps[:axes], maps[axes : 2 * axes], maps[2 * axes :]
     flags = np.empty((rows, cols), np.uint16)
+    residual = np.empty((-(-rows // EVERY), -(-cols // EVERY)), np.float32)
     most = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
     open_orders = any(table.either >= EITHER[0] for table in ready.tables)
     halo = HALO + SETTLE if open_orders else HALO
@@ -484,6 +476,8 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
                 if mask is not None:
                     block.flags[done - low : high - low][~mask[done:high]] |= np.uint16(Flag.INVALID)
                 done = high
+            some = np.arange(-(-start // EVERY), -(-stop // EVERY))
+            residual[some] = block.chi2[EVERY * some - low, ::EVERY]
             block.flags[: max(-low, 0)] = block.flags[high - low :] = Flag.INVALID
             if open_orders:
                 looks = [None if one is None else _beside(light, ready, one, low) for one in ready.look_ups]
@@ -500,9 +494,8 @@ def applied(light: Light, ready: Prepared, mask: Mask) -> Correspondence:
     found = {axis.axis: (coordinate[a], sigma[a]) for a, axis in enumerate(ready.axes)}
     (u, sigma_u), (v, sigma_v) = found.get("u", none), found.get("v", none)
     profile = ready.profile
-    return Correspondence(
-        u, v, sigma_u, sigma_v, flags, amplitude, offset, error, profile.notices, profile.shared
-    )
+    maps_of = u, v, sigma_u, sigma_v, flags, amplitude, offset, error
+    return Correspondence(*maps_of, profile.notices, profile.shared), residual
 
 
 def compile_neighbours() -> None:

@@ -15,7 +15,6 @@ from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
 from .capture import Prepared, applied, estimated, holds, prepared
-from .causes import few_good
 from .frames import Levels, Light, Response, Settings, in_levels, light_of
 from .plan import plan
 from .profile import RigProfile, digest
@@ -149,7 +148,7 @@ class Decoder:
         if self._prepared is None:
             self._prepared = prepared(self._sequence, self._settings, known.estimates)
         doubts = holds(light, self._prepared, mask)
-        return (None, doubts) if doubts else (applied(light, self._prepared, mask), ())
+        return (None, doubts) if doubts else (applied(light, self._sequence, self._prepared, mask), ())
 
     def _anew(self, light: Light, mask: NDArray[np.bool_] | None, unit: float) -> Correspondence:
         """Estimate the profile, and decode by it."""
@@ -158,7 +157,6 @@ class Decoder:
             settings = replace(settings, noise=settings.noise * unit, gain=settings.gain * unit)
         with blas_on_one():  # of small matrices: a second thread made this take 1.5 times as long
             found, ready = estimated(light, self._sequence, settings, mask)
-        found = replace(found, notices=(*few_good(found, light, self._sequence), *found.notices))
         if ready is not None:  # else a fault of this capture, not of the rig
             kind, camera = (light.raw.shape[1:], light.raw.dtype.name), (light.clip, light.rounding)
             self._prepared = ready

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import json
+from dataclasses import asdict, dataclass, fields
 from enum import IntFlag
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import save_arrays
-from optolever.notices import Notice, notices_to_array
+from optolever.notices import Judged, Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 from optolever.schema import load_record
 
@@ -54,7 +55,7 @@ class SharedNoise(NamedTuple):
 
 
 #: Fields of records that are not maps.
-_NO_MAPS = ("notices", "shared_noise")
+_NO_MAPS = ("notices", "shared_noise", "tests")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -70,6 +71,7 @@ class Correspondence(Comparable):
     order_error        probability that a fringe order or code bit is wrong
     notices            warnings about the whole capture
     shared_noise       noise that pixels have in common; None: unknown
+    tests              whether the frames are those described: figures and limits
     """
 
     u: Map
@@ -82,6 +84,7 @@ class Correspondence(Comparable):
     order_error: Map | None = None
     notices: tuple[Notice, ...] = ()
     shared_noise: SharedNoise | None = None
+    tests: tuple[Judged, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.u)
@@ -103,12 +106,13 @@ class Correspondence(Comparable):
     def save(self, path: str | Path) -> None:
         """Write an .npz with the fields' names."""
         arrays: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        arrays["tests"] = np.array([json.dumps(asdict(one)) for one in self.tests]) if self.tests else None
         save_arrays(path, arrays | {"notices": notices_to_array(self.notices) if self.notices else None})
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what save() wrote; InputError names the file and the field."""
-        return load_record(cls, path, ("notices",), shared_noise=_shared_noise)
+        return load_record(cls, path, ("notices", "tests"), shared_noise=_shared_noise)
 
     def __repr__(self) -> str:
         good = self.good

@@ -42,7 +42,7 @@ from .context import ContextInfo, NoContextError, context_info
 from .devices import Accepted, Camera, CameraLost, Display, Identity, Image, RealTime, Shown, Time, Wanted
 from .display import PatternWindow, monitors
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
-from .folder import write_description
+from .folder import picture_files, write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
@@ -58,5 +58,5 @@ __all__ = [
     "Recorder", "Recording", "Shown", "Stamp", "Taken", "Time", "Timing", "Wanted", "acquire", "aim",
     "capture", "choose_exposure", "choose_monitor", "chosen_renderer", "context_info", "contrast",
     "devices_of", "fit_timing", "footprints", "light_of", "monitors", "opened",
-    "sync_notices", "synchronise", "timing_of", "write_description",
+    "picture_files", "sync_notices", "synchronise", "timing_of", "write_description",
 ]  # fmt: skip

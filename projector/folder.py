@@ -10,10 +10,10 @@
 
 Others' captures are described by such a file kept elsewhere; where it names no files, the pictures of the
 folder are taken in natural order, and a file that Sequence.save wrote serves as well. Nothing else is
-allowed in it, and no other pictures in `frames/`.
+allowed in it, and no other pictures in `frames/` than those of the folder's own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,9 @@ from optolever.pictures import CHANNELS, PICTURES, is_lossy
 from optolever.scene import Scene, Trace, load
 from optolever.toml import read_toml
 
-from .incoming import COLOURED, LOSSY, Source, incoming, passed_over, read_files
+from .incoming import COLOURED, LOSSY, Source, incoming, passed_over, pictures_of, read_files
 
-__all__ = ["bits_of", "read_description", "read_folder", "write_description", "write_folder"]
+__all__ = ["bits_of", "picture_files", "read_description", "read_folder", "write_description", "write_folder"]
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -49,6 +49,17 @@ _PNG_OPTIONS = (
     cv2.IMWRITE_PNG_STRATEGY,
     cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
 )
+
+
+def picture_files(folder: str | Path, description: str | Path | None = None) -> list[str]:
+    """Names of a capture's pictures in the order of showing, relative to its folder; none where it is no
+    folder."""
+    base = Path(folder)
+    if not base.is_dir():
+        return []
+    toml = base / _DESCRIPTION if description is None else Path(description)
+    named = read_description(toml)[1] if toml.is_file() else []
+    return named or [path.name for path in pictures_of(base)]
 
 
 def write_folder(
@@ -101,7 +112,7 @@ def read_folder(
     if not files:
         return read_folder(base, toml, channel)
     bits = bits or 8
-    notices = _passed_over(base, files)
+    notices = _passed_over(base, files, own=description is None)
     pictures = read_files([base / file for file in files], channel)
     if len(pictures) != len(files):
         several = next(picture.file for picture in pictures if picture.file.endswith("]"))
@@ -188,10 +199,13 @@ def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
     return scene
 
 
-def write_description(path: str | Path, sequence: Sequence) -> None:
-    """A capture.toml that names no files: the sequence, for pictures in that order. Only the same
+def write_description(path: str | Path, sequence: Sequence, files: Iterable[str] = ()) -> None:
+    """A capture.toml: the sequence, for pictures in that order, or for these files of a folder. Only the same
     description is written over; InputError names the file."""
-    target, text = Path(path), tomli_w.dumps({"version": _VERSION, **sequence.to_dict()})
+    plain: dict[str, Any] = {"version": _VERSION, **sequence.to_dict()}
+    named = [{"file": file} for file in files] or [{} for _ in sequence.frames]
+    plain["frames"] = [{**file, **table} for file, table in zip(named, plain["frames"], strict=True)]
+    target, text = Path(path), tomli_w.dumps(plain)
     if target.is_file() and target.read_bytes() != text.encode():
         raise InputError(f"{path}: exists and describes something else; show --out names another file")
     with atomic_file(target) as temporary:
@@ -239,15 +253,16 @@ def _times(tables: list[Mapping[str, Any]], path: Path) -> NDArray[np.float64] |
     return np.array(times, np.float64)
 
 
-def _passed_over(base: Path, files: list[str]) -> tuple[Notice, ...]:
-    """`frames/` holds the files of the description; other files get a notice, other pictures are refused."""
+def _passed_over(base: Path, files: list[str], *, own: bool) -> tuple[Notice, ...]:
+    """`frames/` holds the files of the description; others get a notice, pictures are refused where
+    the description is the folder's own."""
     folder = base / _FRAMES
     present = sorted(folder.iterdir()) if folder.is_dir() else []
     extra = [path for path in present if f"{_FRAMES}/{path.name}" not in files]
     named = [name for name in files if name.startswith(f"{_FRAMES}/")]
     if not extra or not named:
         return ()
-    for path in extra:
+    for path in extra if own else ():
         if path.suffix.lower() in PICTURES and not path.name.startswith("."):
             raise InputError(f"{path}: not in the description, which has {len(named)} frames")
     return (passed_over([path.name for path in extra]),)

@@ -23,7 +23,10 @@ from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.pictures import CHANNELS, PICTURES, STACKS, colours_of, grey_of, is_lossy, read_pictures
 
-__all__ = ["COLOURED", "LOSSY", "Picture", "Source", "incoming", "natural_key", "passed_over", "read_files"]
+__all__ = [
+    "COLOURED", "LOSSY", "Picture", "Source", "incoming", "natural_key", "passed_over",
+    "pictures_of", "read_files",
+]  # fmt: skip
 
 Item = TypeVar("Item")
 Levels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -108,6 +111,11 @@ def natural_key(name: str) -> list[Any]:
 
 def _said(name: str, cure: str = "") -> Notice:
     return Notice(name, _NONE, _NONE, cure)
+
+
+def pictures_of(source: Source) -> list[Path]:
+    """Files of pictures in natural order, all of them."""
+    return _files(source)[0]
 
 
 def _files(source: Source) -> tuple[list[Path], list[Notice]]:

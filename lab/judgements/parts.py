@@ -4,13 +4,17 @@ from collections.abc import Callable
 
 from optolever.errors import InputError
 
-from . import heights, live
+from . import decode, heights, live
 from .record import Row
 
 __all__ = ["PARTS", "judged"]
 
 #: Part -> rows of so many seeds.
-PARTS: dict[str, Callable[[int], list[Row]]] = {"heights": heights.rows, "live": live.rows}
+PARTS: dict[str, Callable[[int], list[Row]]] = {
+    "decode": decode.rows,
+    "heights": heights.rows,
+    "live": live.rows,
+}
 
 
 def judged(part: str | None, seeds: int) -> list[Row]:

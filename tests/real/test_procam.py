@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever.cli import run
-from optolever.decode import decode
+from optolever.decode import decode, explain
 from optolever.projector import Capture
 
 from .conftest import DESCRIPTION, GROSS, LIT, WHITE, monomials
@@ -70,12 +70,16 @@ def test_the_lit_board_is_good_and_nowhere_grossly_wrong(
     assert (np.hypot(*off) <= np.maximum(GROSS, 5 * np.hypot(found.sigma_u, found.sigma_v)[use])).all()
 
 
-def test_a_swap_is_named_and_repaired(procam: Capture, light: Floats) -> None:
+def test_a_swap_makes_nothing_wrong_and_is_explained(procam: Capture) -> None:
     """Coarse bits: read as they come, they lead a quarter of the projector away."""
-    frames, lit = procam.frames.copy(), light > LIT
+    frames = procam.frames.copy()
     frames[[2, 6]] = frames[[6, 2]]
     whole, found = decode(procam.frames, procam.sequence), decode(frames, procam.sequence)
-    assert [one for one in found.notices if "2 and 6 are in each other's place" in one.name]
-    assert found.good[lit].mean() > 0.95 * whole.good[lit].mean()
     both = found.good & whole.good
-    assert np.mean(np.abs(found.u - whole.u)[both] > np.maximum(1, 5 * found.sigma_u[both])) < 1e-3
+    off = np.abs(found.u - whole.u)[both] > np.maximum(1, 5 * found.sigma_u[both])
+    assert off.mean() < 0.02 or found.notices
+    first = explain(frames, procam.sequence)[0]
+    assert first.name == "frames 2 and 6 are in each other's place"
+    assert first.sequence is not None
+    mended = decode(frames[list(first.pictures)], first.sequence)
+    assert np.array_equal(mended.flags, whole.flags)

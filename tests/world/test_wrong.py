@@ -1,23 +1,24 @@
-"""Wrong frames and descriptions: named, or nothing good is wrong."""
+"""Wrong frames and descriptions: refused, or nothing good is wrong; explained when asked."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from optolever.decode import decode
+from optolever.decode import decode, explain
 from optolever.projector import Capture
 
 from .light import World, shoot
 from .rigs import draw_rig
 from .wrong import (
     CODES,
+    COMPLEMENTARY,
     RIGHT,
     SHARED,
     broken,
     descriptions,
+    explained,
     frame_faults,
-    named,
     outcome,
     right_window,
     silent,
@@ -29,20 +30,21 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize("rig", range(4))
 @pytest.mark.parametrize("code", CODES)
-def test_every_wrong_frame_is_named_or_harmless(code: str, rig: int) -> None:
-    """95 % named, 2 % silent."""
-    found = list(frame_faults(rig, code))
-    assert np.mean([named(k, one) for k, one in found]) >= 0.95, [one for one in found if not named(*one)]
-    assert np.mean([silent(one) for _, one in found]) <= 0.02
+def test_every_wrong_frame_is_refused_or_harmless(code: str, rig: int) -> None:
+    found = [one for _, one in frame_faults(rig, code)]
+    assert np.mean([silent(one) for one in found]) <= 0.02, [one for one in found if silent(one)]
 
 
-@pytest.mark.parametrize(("code", "k"), [("gray+phase", 4), ("gray+phase", 12), ("phase", 18)])
-def test_a_black_picture_is_named(code: str, k: int) -> None:
-    """The coarsest bit that the image shows, the finest but one, and a fringe."""
+@pytest.mark.parametrize(
+    ("code", "k", "named"), [("gray+phase", 4, False), ("gray+phase", 12, True), ("phase", 18, True)]
+)
+def test_a_black_picture_is_refused_and_explained(code: str, k: int, named: bool) -> None:
+    """The coarsest bit that the image shows (few blocks see it: not named), the finest but one, a fringe."""
     shot = shoot(draw_rig(1), code, World())
-    found = outcome(f"{code}: black", shot, broken(shot.frames, "black", k), shot.sequence)
-    assert found.names(k)
+    wrong = broken(shot.frames, "black", k)
+    found = outcome(f"{code}: black", shot, wrong, shot.sequence)
     assert found.wrong <= 5e-3
+    assert not named or explained(wrong, shot.sequence, k)
 
 
 def test_half_of_a_picture_good_has_a_cause() -> None:
@@ -67,7 +69,8 @@ def test_wrong_descriptions(rig: int) -> None:
     for name, numbers, described in descriptions(shot.sequence):
         found = outcome(name, shot, shot.frames, described)
         assert found.good * found.wrong <= 0.02, found
-        right.append(found.names(*numbers) if numbers else found.verdict)
+        assert found.verdict, found
+        right += [explained(shot.frames, described, *numbers)] if numbers else []
     assert np.mean(right) >= 0.8
 
 
@@ -82,9 +85,42 @@ def test_windows_of_right_captures_get_no_verdict(count: int) -> None:
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is absent")
-def test_a_picture_too_many_in_front_is_left_out() -> None:
+def test_a_picture_too_many_in_front_is_refused_and_explained() -> None:
     """A real Gray capture behind a white picture; u decreases along the rows."""
     shot = Capture.load(SHARED / "cases/t5/extra_first_escuela")
     found = decode(shot.frames, shot.sequence)
-    assert found.notices[0].name == "picture 0 is one too many"
-    assert found.good.mean() > 0.9
+    assert not found.good.any()
+    first = explain(shot.frames, shot.sequence)[0]
+    assert first.name.startswith("picture 0 is one too many")
+    assert first.sequence is not None
+    assert decode(shot.frames[list(first.pictures)], first.sequence).good.mean() > 0.9
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is absent")
+def test_complementary_bits_are_right_by_their_description_alone() -> None:
+    """Cells of half a period, shifted by half: described as cells of a period they are refused."""
+    shot = Capture.load(COMPLEMENTARY)
+    assert not decode(shot.frames, shot.sequence).good.any()
+    first = explain(shot.frames, shot.sequence)[0]
+    assert "cells are 15 px, not 30 px, offset by half a cell, 15 px" in first.name
+    right = Capture.load(COMPLEMENTARY, COMPLEMENTARY / "right.toml")
+    assert decode(right.frames, right.sequence).good.mean() > 0.8
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is absent")
+def test_a_fault_in_a_part_costs_its_windows_alone() -> None:
+    """A tenth of the picture is of another light in some frames."""
+    shot, truth = Capture.load(SHARED / "cases/15/cap"), np.load(SHARED / "cases/15/truth.npz")
+    found = decode(shot.frames, shot.sequence)
+    off = [np.abs(getattr(found, a) - truth[a]) > 5 * getattr(found, f"sigma_{a}") for a in "uv"]
+    assert not (off[0] | off[1])[found.good].any()
+    assert found.good.mean() > 0.8
+    assert found.notices
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="../shared is absent")
+def test_a_broken_bit_is_no_swap_of_fringes() -> None:
+    """32 x 24 pixels: a swap of two steps fits nearly as well as the bit that shows another picture."""
+    shot = Capture.load(SHARED / "cases/t6/bit_frame_swaps_fringes/cap")
+    assert not decode(shot.frames, shot.sequence).good.any()
+    assert explain(shot.frames, shot.sequence)[0].name.startswith("frame 7 is missing")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from optolever.decode import decode
+from optolever.decode import decode, explain
 from optolever.patterns import Frame, Sequence
 from optolever.projector import Capture
 
@@ -25,7 +25,9 @@ FAULTS = ("black", "white", "twice", "missing", "extra")
 #: Share of the good pixels beyond 5 sigma up to which a capture is harmless.
 HARMLESS = 5e-3
 #: Right captures in ../shared/cases.
-RIGHT = ("12/cap", "19/cap", "23/cap", "t5/calseq4_window", "t5/period_cells_slviewer")
+RIGHT = ("12/cap", "19/cap", "23/cap", "t5/calseq4_window")
+#: Right by another description, refused by its own.
+COMPLEMENTARY = SHARED / "cases/t5/period_cells_slviewer"
 #: Parts of notices that say nothing about frames or their description.
 WEAK = ("sigma is", "the mirror moved", "are ambiguous", "too weak", "neighbouring pixels contradict")
 
@@ -38,11 +40,6 @@ class Outcome:
     good: float
     wrong: float
     told: tuple[str, ...]
-
-    def names(self, *numbers: float) -> bool:
-        """Whether a notice holds one of the numbers."""
-        found = {float(one) for text in self.told for one in re.findall(r"\d*\.?\d+", text)}
-        return any(abs(one - number) < 1e-6 for one in found for number in numbers)
 
     @property
     def verdict(self) -> bool:
@@ -60,6 +57,13 @@ def right_window(shot: Capture, rng: np.random.Generator, side: int = 80) -> Out
     y, x = rng.integers(0, max(rows - side, 0) + 1), rng.integers(0, max(cols - side, 0) + 1)
     found = decode(shot.frames[:, y : y + side, x : x + side], shot.sequence)
     return Outcome(f"{y}, {x}", float(found.good.mean()), 0.0, tuple(str(one) for one in found.notices))
+
+
+def explained(frames: Any, sequence: Sequence, *numbers: float) -> bool:
+    """Whether one of the mistakes' names holds one of the numbers; without numbers, whether there is one."""
+    names = [one.name for one in explain(frames, sequence)]
+    found = {float(one) for text in names for one in re.findall(r"\d*\.?\d+", text)}
+    return bool(names) and (not numbers or any(abs(one - k) < 1e-6 for one in found for k in numbers))
 
 
 def outcome(name: str, shot: Shot, frames: object, sequence: Sequence) -> Outcome:
@@ -105,12 +109,6 @@ def frame_faults(
                 frame = shot.sequence[k]
                 label = f"{fault} {k} {frame.kind} {frame.axis or ''}{'' if frame.bit is None else frame.bit}"
                 yield k, outcome(f"{code} {rig}: {label}", shot, wrong, shot.sequence)
-
-
-def named(k: int, found: Outcome) -> bool:
-    """Named rightly (of a repeated or lost frame a neighbour looks alike), or harmless."""
-    near = (k,) if ": black" in found.name or ": white" in found.name else (k - 1, k, k + 1)
-    return found.wrong <= HARMLESS or found.good <= HARMLESS or (found.verdict and found.names(*near))
 
 
 def silent(found: Outcome) -> bool:

@@ -1,10 +1,10 @@
-"""Do bits and fringes of an axis say the same? In windows of 15 x 15 pixels, by a sample of them.
+"""Faults in a part of the image, by windows.
 
-In a right capture the fringe's place lies in the interval of the bits: over a window the mean of
-cos 2 pi (fringe - middle of the interval), over sinc(width / period), is 1 (real and drawn captures: .69 at
-least), and no place lies outside of its interval. A window below one half of whose places more than a tenth
-lie outside contradicts itself: none of its pixels is good. Intervals nearly as wide as a period contradict
-nothing. The cause is the shift of the fringes, the size of the cells or the bit by which the windows agree.
+Bits against fringes of an axis, 15 x 15 pixels, by a sample: in a right capture the fringe's place lies in
+the interval of the bits: over a window the mean of cos 2 pi (fringe - middle of the interval), over
+sinc(width / period), is 1 (real and drawn captures: .69 at least), and no place lies outside of its interval.
+A window below one half of whose places more than a tenth lie outside contradicts itself. Intervals nearly as
+wide as a period contradict nothing. Residuals of the fringes, 9 x 9 pixels: mean square over its median.
 """
 
 from typing import Any, NamedTuple
@@ -14,16 +14,14 @@ import scipy
 from numpy.typing import NDArray
 
 from optolever.kernels import F32, F64, I64
-from optolever.notices import Notice
 
-from .causes import off_the_end
-from .codes.bits import BitTable, ends_row, read_row
-from .codes.fringe import FringeTable, fit_row
-from .pixels import AxisTable
-from .plan import AxisPlan, Plan
-from .records import Flag
+from ..codes.bits import BitTable, ends_row, read_row
+from ..codes.fringe import FringeTable, fit_row
+from ..pixels import AxisTable
+from ..plan import AxisPlan, Plan
+from ..records import Flag
 
-__all__ = ["contradictions"]
+__all__ = ["EVERY", "contradictions", "residual_windows"]
 
 Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
@@ -32,13 +30,12 @@ _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
 #: Least mean phasor of a window, by one sample of a tile and by all; greatest share outside; slack of an
 #: interval, periods; its widths, periods, up to which phasors and shares count; places for a quantile.
 _SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE, _FEW = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87, 10000
-#: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved; share of wrong pixels
-#: that a bit explains.
-_COHERENT, _SHIFT, _MOVED, _EXPLAINED = 0.75, 0.06, 0.2, 0.8
-#: Sizes of cells that are tried, of the one described.
-_SIZES = (0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0)
+#: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved.
+_COHERENT, _SHIFT, _MOVED = 0.75, 0.06, 0.2
 #: Share of the windows from which on an axis has no good pixel.
 _MOST = 0.5
+#: Pixels between the residuals along either axis; least median of their squares, amplitudes^2.
+EVERY, _LITTLE = 3, 0.06**2
 #: No pixel's samples count with these flags.
 _UNLIT = Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID
 
@@ -59,6 +56,19 @@ class _View(NamedTuple):
         return np.asarray(np.abs(self.off) > 0.5 / period * self.width + _SLACK)
 
 
+def residual_windows(square: F32, flags: NDArray[np.uint16]) -> F64:
+    """Mean square of the fringes' residuals over its median, in windows of three by three pixels of every
+    EVERY-th one, as an image (H, W); square (h, w): amplitudes^2; 0 where none of a window is good."""
+    good = flags[::EVERY, ::EVERY] == 0
+    number, total = (
+        scipy.ndimage.uniform_filter(one, 3, mode="constant")
+        for one in (good.astype(np.float64), np.where(good, square, 0.0).astype(np.float64))
+    )
+    usual = max(float(np.median(square[good])), _LITTLE) if good.any() else 1.0
+    ratio = total / np.maximum(number, 1e-9) / usual
+    return np.repeat(np.repeat(ratio, EVERY, axis=0), EVERY, axis=1)[: flags.shape[0], : flags.shape[1]]
+
+
 def contradictions(
     flags: NDArray[np.uint16],
     light: Numbers,
@@ -66,31 +76,29 @@ def contradictions(
     p: Plan,
     tables: tuple[AxisTable, ...],
     moved: bool,
-) -> tuple[Mask, tuple[Notice, ...]]:
-    """Pixels (H, W) where bits and fringes contradict each other, and the causes; moved: a mirror that moves
-    shifts bits and fringes."""
-    wrong, notices = np.zeros(flags.shape, np.bool_), []
+) -> tuple[Mask, dict[str, float]]:
+    """Pixels (H, W) where bits and fringes contradict each other, and their share of each axis that has both;
+    moved: a mirror that moves shifts bits and fringes."""
+    wrong, shares = np.zeros(flags.shape, np.bool_), dict[str, float]()
     shape = -(-flags.shape[0] // _TILE), -(-flags.shape[1] // _TILE)
     for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
         if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
+        shares[axis.axis] = 0.0
         for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
-            view, few, kept = _view(flags, light, noise, fringes, code, count)
+            view = _view(flags, light, noise, fringes, code, count)
             bad, known = _windows(view, float(fringes.period[0]), shape, least)
-            cause = _everywhere(axis, view, _MOVED if moved else _SHIFT)
-            if not (cause or bad.any()):
+            everywhere = _everywhere(axis, view, _MOVED if moved else _SHIFT)
+            if not (everywhere or bad.any()):
                 break
         else:
             share = float(bad.sum() / max(known.sum(), 1))
-            cause = cause or _other_cells(axis, code, view)
-            everywhere = bool(cause) or share > _MOST
-            cause = cause or _wrong_bit(axis, code, view, few[:, kept], bad)
+            everywhere = everywhere or share > _MOST
+            shares[axis.axis] = 1.0 if everywhere else share
             bad = np.ones_like(bad) if everywhere else scipy.ndimage.maximum_filter(bad, 3)
             tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
             wrong |= tiles[: flags.shape[0], : flags.shape[1]]
-            cure = "no coordinates there; check the frames and capture.toml"
-            notices.append(Notice(cause, 1.0 if everywhere else share, 0.0, cure))
-    return wrong, tuple(notices)
+    return wrong, shares
 
 
 def _places(shape: tuple[int, ...], count: int) -> tuple[I64, I64]:
@@ -111,8 +119,8 @@ def _view(
     fringe: FringeTable,
     code: BitTable,
     count: int,
-) -> tuple[_View, NDArray[Any], Mask]:
-    """Samples that are no doubt by themselves, so many of a tile; levels (N, K) of the axis, and which."""
+) -> _View:
+    """Samples that are no doubt by themselves, so many of a tile."""
     (row, col), width = _places(flags.shape, count), flags.shape[1]
     tile, place = row // _TILE * -(-width // _TILE) + col // _TILE, row * width + col
     lit = flags.ravel()[place] & _UNLIT == 0
@@ -136,7 +144,7 @@ def _view(
     period = float(fringe.period[0])
     kept = (doubt[0] == 0) & (2 * reach < _WIDE * period)
     maps = phase[kept], middle[kept], 2 * reach[kept]
-    return _View(tile[kept], *maps, *_phasors(*maps, period)), few[:, 0], kept
+    return _View(tile[kept], *maps, *_phasors(*maps, period))
 
 
 def _phasors(phase: F32, middle: F32, width: F32, period: float) -> tuple[F32, NDArray[np.complex64]]:
@@ -166,58 +174,16 @@ def _windows(view: _View, period: float, shape: tuple[int, ...], least: float) -
     return known & low & (sums(outside) > _OUTSIDE * number), known
 
 
-def _everywhere(axis: AxisPlan, view: _View, shift: float) -> str:
-    """The cause that all pixels have in common; "": none."""
-    period, name = axis.fringes[0].period, axis.axis
+def _everywhere(axis: AxisPlan, view: _View, shift: float) -> bool:
+    """Whether all pixels have a fault in common: places beyond the pattern, or shifted fringes."""
+    period = axis.fringes[0].period
     narrow = view.width <= _NARROW * period
     mean = complex(view.phasor[narrow].mean()) if narrow.any() else 0j
-    turn = float(np.angle(mean)) / (2 * np.pi)
     if abs(mean) <= _COHERENT:
-        return ""
+        return False
     low, high = np.quantile(view.middle[:: 1 + len(view.middle) // _FEW], (0.1, 0.9))
     if low < -period or high > axis.extent + period:
-        return off_the_end(name, axis.extent, view.middle)
+        return True
     # pixels that see few places of a cell have another mean than its middle, and lie inside
-    if abs(turn) > shift and view.outside(period)[narrow].mean() > 0.5 * _OUTSIDE:
-        return f"fringes of {name} are {turn:+.2f} periods ({turn * period:+.3g} px) off its bits"
-    return ""
-
-
-def _other_cells(axis: AxisPlan, code: BitTable, view: _View) -> str:
-    """The size of cells by which bits and fringes agree; "": none of them."""
-    period, first = axis.fringes[0].period, np.float32(code.origin - 0.5)
-    for by in _SIZES:
-        middle, width = first + np.float32(by) * (view.middle - first), np.float32(by) * view.width
-        if (
-            np.median(width) <= _NARROW * period
-            and _phasors(view.phase, middle, width, period)[1].real.mean() > _COHERENT
-        ):
-            return f"cells of {axis.axis} are {by * code.cell:.3g} px, not {code.cell:.3g} px"
-    return ""
-
-
-def _wrong_bit(axis: AxisPlan, code: BitTable, view: _View, levels: NDArray[Any], bad: Mask) -> str:
-    """The bit whose other value brings contradicting pixels together: one whose frame is black or white in
-    all levels (N, K), or that makes the smoothest map of tiles."""
-    period, name = axis.fringes[0].period, axis.axis
-    text = f"bits and fringes of {name} contradict each other"
-    inside = bad.ravel()[view.tile] & (view.width < 1.01 * code.cell) & (view.phasor.real < 0)
-    tile = view.tile[inside]
-    phase, middle, width = (one[inside] for one in (view.phase, view.middle, view.width))
-    cell = np.rint((middle - code.origin - 0.5 * (code.cell - 1)) / code.cell).astype(np.int64)
-    word = np.argsort(code.cells)[np.clip(cell, 0, len(code.cells) - 1)]
-    used = [i for i in (*code.plain, *code.inverse, *code.ends) if i >= 0]
-    low, high = levels[used].min(axis=0), levels[used].max(axis=0)
-    best, words, number = np.inf, "", np.bincount(tile, minlength=bad.size).reshape(bad.shape)
-    for b, (plain, inverse) in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
-        middle = code.cells[word ^ (1 << b)] * code.cell + np.float32(0.5) * (code.cell - 1) + code.origin
-        if not len(cell) or np.mean(_phasors(phase, middle, width, period)[1].real > 0) < _EXPLAINED:
-            continue
-        mean = np.bincount(tile, middle, number.size).reshape(bad.shape) / np.maximum(number, 1)
-        steps = np.abs(np.diff(mean, axis=1))[(number[:, 1:] > 0) & (number[:, :-1] > 0)]
-        rough = float(steps.mean()) if len(steps) else 0.0
-        i, bright = max(plain, inverse), float(np.mean(levels[max(plain, inverse)] > 0.5 * (low + high)))
-        seen = "black" if bright < 0.02 else "white" if bright > 0.98 else "wrong"
-        rough -= 1e6 if seen != "wrong" and np.median(middle) < axis.extent else 0.0
-        best, words = (rough, f": bit {b} of {name} (frame {i}) is {seen}") if rough < best else (best, words)
-    return text + words
+    turned = abs(float(np.angle(mean))) / (2 * np.pi) > shift
+    return bool(turned and view.outside(period)[narrow].mean() > 0.5 * _OUTSIDE)

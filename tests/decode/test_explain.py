@@ -1,4 +1,4 @@
-"""Frames in another order than described, and other descriptions: named, repaired, no false alarms."""
+"""Frames in another order than described, and other descriptions: refused, and explained when asked."""
 
 import itertools
 from collections.abc import Callable
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optolever.decode import Correspondence, decode
+from optolever.decode import Correspondence, decode, explain, without
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.scene import dent, load, resize
@@ -34,13 +34,24 @@ BOTH = replace(
 )
 
 
-def named(found: Correspondence) -> str:
+def notice(found: Correspondence) -> str:
     """Name of the first notice that costs more than sigma."""
     return next((one.name for one in found.notices if not one.name.startswith("sigma")), "")
 
 
-def repaired(found: Correspondence, truth: Map) -> bool:
-    return bool(named(found)) and found.good.mean() > 0.9 and silent(found, *truth, least=2.0) < 0.01
+def harmless(found: Correspondence, truth: Map) -> bool:
+    """Nothing good is wrong, or a notice says so and little of it is."""
+    wrong = silent(found, *truth, least=2.0)
+    return wrong < 0.02 or (bool(notice(found)) and wrong * found.good.mean() < 0.02)
+
+
+def mended(frames: Frames, shown: Sequence, truth: Map, text: str = "") -> bool:
+    """A mistake of that name (default: the first one) is explained; its description decodes the frames."""
+    for one in explain(frames, shown)[: None if text else 1]:
+        if text in one.name and one.sequence is not None:
+            found = decode(frames[list(one.pictures)], one.sequence)
+            return found.good.mean() > 0.9 and silent(found, *truth, least=2.0) < 0.01
+    return False
 
 
 @pytest.mark.parametrize("name", CODES)
@@ -49,12 +60,14 @@ def test_frames_as_described_raise_no_alarm(
     name: str, light: dict[str, float], shoot: Shoot, smooth: Map
 ) -> None:
     frames = shoot(CODES[name], *smooth, noise=0.8, gain=1 / 30, **light)
-    assert not named(decode(frames, CODES[name]))
+    found = decode(frames, CODES[name])
+    assert not notice(found)
+    assert not any(one.fails for one in found.tests)
 
 
 @pytest.mark.parametrize("name", CODES)
-def test_nine_of_ten_swaps_are_named_and_repaired(name: str, shoot: Shoot, smooth: Map) -> None:
-    shown, rng, done = CODES[name], np.random.default_rng(3), 0
+def test_nine_of_ten_swaps_are_refused_and_explained(name: str, shoot: Shoot, smooth: Map) -> None:
+    shown, rng, safe, named = CODES[name], np.random.default_rng(3), 0, 0
     frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
     for _ in range(10):
         i, j = rng.choice(len(shown), 2, replace=False)
@@ -62,24 +75,25 @@ def test_nine_of_ten_swaps_are_named_and_repaired(name: str, shoot: Shoot, smoot
             j = (j + 1) % len(shown)  # a bit and its inverse are the frames of another scene
         wrong = frames.copy()
         wrong[[i, j]] = frames[[j, i]]
-        done += repaired(decode(wrong, shown), smooth)
-    assert done >= 9
+        safe += harmless(decode(wrong, shown), smooth)
+        named += mended(wrong, shown, smooth)
+    assert safe >= (5 if name == "plain gray" else 9)  # a line of jumps per edge of a bit is little
+    assert named >= 9
 
 
 @pytest.mark.parametrize(("name", "lost"), [("gray", 9), ("gray", 20), ("phase", 7), ("gray+phase", 17)])
-def test_a_lost_frame_is_named_and_left_out(name: str, lost: int, shoot: Shoot, smooth: Map) -> None:
+def test_a_lost_frame_is_refused_and_explained(name: str, lost: int, shoot: Shoot, smooth: Map) -> None:
     frames = shoot(CODES[name], *smooth, noise=1.0, gain=1 / 30)
     early, other = frames.copy(), frames.copy()
     early[lost:-1], other[lost] = frames[lost + 1 :], frames[lost - 1]
     for wrong in (early, other):
-        found = decode(wrong, CODES[name])
-        assert f"frame {lost} is missing" in named(found)
-        assert repaired(found, smooth)
+        assert harmless(decode(wrong, CODES[name]), smooth)
+        assert mended(wrong, CODES[name], smooth, f"frame {lost} is missing")
 
 
 @pytest.mark.parametrize("axis", ["u", "v"])
-def test_two_steps_of_a_fringe_that_are_exchanged_are_put_back(axis: str, shoot: Shoot, smooth: Map) -> None:
-    """Three that are left of four agree with any order."""
+def test_two_steps_of_a_fringe_that_are_exchanged_are_explained(axis: str, shoot: Shoot, smooth: Map) -> None:
+    """Three that are left of four agree with any order: their mean levels and the fourth do not."""
     shown = CODES["gray+phase"]
     frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
     own = [i for i, frame in enumerate(shown) if frame.kind == "phase" and frame.axis == axis]
@@ -87,22 +101,19 @@ def test_two_steps_of_a_fringe_that_are_exchanged_are_put_back(axis: str, shoot:
         wrong = frames.copy()
         wrong[[i, j]] = frames[[j, i]]
         found = decode(wrong, shown)
-        if abs(own.index(i) - own.index(j)) == 2:  # half a period: the fringe of the other sign
-            assert named(found)
-        else:
-            assert repaired(found, smooth)
-            assert np.median(found.sigma_u + found.sigma_v) < 0.3
+        assert notice(found)
+        assert not found.good.any()
+        assert mended(wrong, shown, smooth)
 
 
-@pytest.mark.parametrize("bit", [1, 2, 3, 4])
-def test_no_pixel_is_good_without_a_bit_that_the_code_needs(bit: int, shoot: Shoot, smooth: Map) -> None:
+@pytest.mark.parametrize("bit", [0, 1, 2, 3, 4])
+def test_no_pixel_is_wrong_where_a_bit_shows_another_picture(bit: int, shoot: Shoot, smooth: Map) -> None:
     shown = CODES["gray+phase"]
     lost = max(i for i, frame in enumerate(shown) if frame.bit == bit)
     frames = shoot(shown, *smooth, noise=1.0)
     frames[lost] = frames[lost - 1]
-    found = decode(frames, shown)
-    assert named(found)
-    assert silent(found, *smooth, least=2.0) * found.good.mean() < 0.01
+    assert harmless(decode(frames, shown), smooth)
+    assert any(f"frame {lost} is missing" in one.name for one in explain(frames, shown))
 
 
 def folder(frame: Frame) -> tuple[bool, str, int, bool, bool]:
@@ -122,12 +133,13 @@ def folder(frame: Frame) -> tuple[bool, str, int, bool, bool]:
     ],
     ids=["reverse", "alphabetical", "u v black white", "white for black"],
 )
-def test_a_folder_in_another_order_is_read(
+def test_a_folder_in_another_order_is_explained(
     name: str, order: Callable[[Sequence], list[int]], shoot: Shoot, smooth: Map
 ) -> None:
     frames = shoot(CODES[name], *smooth, noise=1.0, gain=1 / 30)
-    found = decode(frames[list(order(CODES[name]))], CODES[name])
-    assert repaired(found, smooth)
+    wrong = frames[list(order(CODES[name]))]
+    assert harmless(decode(wrong, CODES[name]), smooth)
+    assert mended(wrong, CODES[name], smooth)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +151,7 @@ def test_a_folder_in_another_order_is_read(
         ("gray+phase", {"cell_px": lambda f: f.cell_px / 2}),
     ],
 )
-def test_another_description_is_found(
+def test_another_description_is_explained(
     name: str, change: dict[str, Callable[[Frame], object]], shoot: Shoot, smooth: Map
 ) -> None:
     shown = CODES[name]
@@ -148,15 +160,64 @@ def test_another_description_is_found(
         frame if frame.bit is None else replace(frame, **{key: of(frame) for key, of in change.items()})  # type: ignore[arg-type]
         for frame in shown
     ]
-    assert repaired(decode(frames, replace(shown, frames=tuple(other))), smooth)
+    described = replace(shown, frames=tuple(other))
+    assert harmless(decode(frames, described), smooth)
+    assert mended(frames, described, smooth)
 
 
-def test_a_sine_for_a_cosine_is_found(shoot: Shoot, smooth: Map) -> None:
-    sine = [replace(f, shift=f.shift + np.pi / 2) if f.shift is not None else f for f in BOTH]
-    frames = shoot(replace(BOTH, frames=tuple(sine)), *smooth, noise=1.0, gain=1 / 30)
-    found = decode(frames, BOTH)
-    assert "a negative sine for a cosine" in named(found)
-    assert repaired(found, smooth)
+@pytest.mark.parametrize(("by", "said"), [(-0.25, "a negative sine for a cosine"), (0.1, "by +0.10 periods")])
+def test_shifts_of_the_fringes_are_explained(by: float, said: str, shoot: Shoot, smooth: Map) -> None:
+    moved = [replace(f, shift=f.shift - 2 * np.pi * by) if f.shift is not None else f for f in BOTH]
+    frames = shoot(replace(BOTH, frames=tuple(moved)), *smooth, noise=1.0, gain=1 / 30)
+    assert harmless(decode(frames, BOTH), smooth)
+    assert mended(frames, BOTH, smooth, said)
+
+
+def test_complementary_bits_are_explained(shoot: Shoot, smooth: Map) -> None:
+    """Cells of half a period, shifted by half a period, described as cells of one."""
+
+    def bits(cell: float, offset: float) -> Sequence:
+        frames = [
+            frame if frame.bit is None else replace(frame, cell_px=cell, offset_px=offset)
+            for frame in CODES["gray+phase"].frames
+        ]
+        return replace(CODES["gray+phase"], frames=tuple(frames))
+
+    described, shown = bits(8.0, 0.0), CODES["gray+phase"]
+    moved = shoot(shown, smooth[0] - 4, smooth[1] - 4, noise=1.0, gain=1 / 30)
+    frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
+    coded = [frame.bit is not None for frame in shown]
+    frames[coded] = moved[coded]
+    assert harmless(decode(frames, described), smooth)
+    assert mended(frames, described, smooth, "cells are 4 px, not 8 px, offset by half a cell, 4 px")
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0], ids=["half of each before", "torn"])
+def test_pictures_between_two_patterns_are_explained(share: float, shoot: Shoot, smooth: Map) -> None:
+    shown = CODES["gray"]
+    frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
+    wrong, lower = frames.astype(np.float64), slice(0 if share < 1 else 60, None)
+    wrong[1:, lower] += share * (frames[:-1, lower].astype(np.float64) - frames[1:, lower])
+    mixed = np.rint(wrong).astype(np.uint8)
+    assert harmless(decode(mixed, shown), smooth)
+    assert any("while the display changes" in one.name for one in explain(mixed, shown))
+
+
+def test_nothing_explains_a_right_capture(shoot: Shoot, smooth: Map) -> None:
+    for shown in CODES.values():
+        assert explain(shoot(shown, *smooth, noise=1.0, gain=1 / 30), shown) == ()
+
+
+@pytest.mark.parametrize(("number", "good"), [(0, 0.9), (1, 0.9), (13, 0.5), (21, 0.9)])
+def test_a_picture_is_left_out_by_its_number(number: int, good: float, shoot: Shoot, smooth: Map) -> None:
+    """White, black, the finest bit and a fringe's step: the others hold the place."""
+    shown = CODES["gray+phase"]
+    frames = shoot(shown, *smooth, noise=1.0, gain=1 / 30)
+    frames[number] = 0
+    kept, less = without(shown, [number])
+    found = decode(frames[list(kept)], less)
+    assert found.good.mean() > good
+    assert silent(found, *smooth, least=2.0) < 0.01
 
 
 @pytest.mark.parametrize(

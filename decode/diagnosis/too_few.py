@@ -1,8 +1,9 @@
-"""Why few pixels of a capture are good: one sentence."""
+"""Why few pixels of a capture are good: one sentence. How much of the image the mirror fills."""
 
 import math
 from typing import Any
 
+import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -11,11 +12,11 @@ from optolever.kernels import F64
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
-from .frames import Light
-from .plan import plan
-from .records import Correspondence, Flag
+from ..frames import Light
+from ..plan import plan
+from ..records import Correspondence, Flag
 
-__all__ = ["few_good", "off_the_end"]
+__all__ = ["few_good", "mirror_coverage"]
 
 #: Good share of the lit pixels below which a sentence says why, share off the pattern above which one does.
 _FEW, _OFF = 0.5, 1 / 6
@@ -26,8 +27,8 @@ _AMPLE = 0.1
 #: Range of a pixel's levels over white from which on light is no cause, and the cure then.
 _BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
-    "their contrast is high: either the periods repeat on the pattern (add one as wide as it, or bits), or "
-    "periods, shifts, steps or the pattern's pixels are others than described"
+    "their contrast is high: the display's gamma or lag, or the periods repeat on the pattern (add one as "
+    "wide as it, or bits), or periods, shifts, steps or pixels of the pattern that are not those described"
 )
 _EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.
@@ -38,9 +39,9 @@ _NOTHING = Notice(
 )  # fmt: skip
 
 
-def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[Notice, ...]:
-    """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern, and no other
-    notice names the cause."""
+def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[Notice | None, bool]:
+    """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern; whether it
+    is certain, else another notice may know better."""
     assert found.amplitude is not None
     nan = float("nan")
     some = (slice(None, None, max(1, math.isqrt(found.flags.size // _SEEN))),) * 2
@@ -51,7 +52,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
         inside &= scipy.ndimage.uniform_filter(known, 3, mode="nearest")[some] > 0.5
     bright = amplitude[inside & (amplitude > 0)]
     if not len(bright):
-        return (_NOTHING,) if (found.flags & Flag.INVALID).all() and not found.notices else ()
+        return (_NOTHING if (found.flags & Flag.INVALID).all() and not found.notices else None), False
     lit = inside & (amplitude > 0.5 * np.percentile(bright, 95))
     flags = flags[lit]
     good = np.count_nonzero(flags == 0) / len(flags)
@@ -60,17 +61,17 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
         return np.count_nonzero(flags & flag) / len(flags)
 
     if good >= _FEW and share(Flag.OFF_PATTERN) < _OFF:
-        return ()
+        return None, False
     levels = light.raw[(slice(None), *some)][:, lit]
     means = light.raw[(slice(None), *some)].mean(axis=(1, 2))
     if good < _FEW and (exposed := _exposed_by_itself(means, amplitude[lit], sequence)):
-        return (Notice(f"{good:.0%} of the lit pixels are good: {exposed}", nan, nan, _EXPOSE),)
-    if any(not one.name.startswith(_SIGMA) for one in found.notices):
-        return ()
+        return Notice(f"{good:.0%} of the lit pixels are good: {exposed}", nan, nan, _EXPOSE), True
     places = {axis: getattr(found, axis)[some][lit].astype(np.float64) for axis in ("u", "v")}
     ample = float(np.median(amplitude[lit])) > _AMPLE * light.clip
-    name, cure = _cause(levels, light.clip, ample, places, sequence, share)
-    return (Notice(f"{good:.0%} of the lit pixels are good: {name}", nan, nan, cure),)
+    name, cure, certain = _cause(levels, light.clip, ample, places, sequence, share)
+    if not certain and any(not one.name.startswith(_SIGMA) for one in found.notices):
+        return None, False
+    return Notice(f"{good:.0%} of the lit pixels are good: {name}", nan, nan, cure), certain
 
 
 def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
@@ -85,7 +86,7 @@ def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: S
     return f"all frames have {usual:.0f} levels on average, white too, where fringes swing by {fringes:.0f}"
 
 
-def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
+def _off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
     """Where the places (K,) of an axis leave the pattern."""
     low, high = np.quantile(places, (0.01, 0.99))
     if -low > high - (extent - 1):
@@ -95,28 +96,32 @@ def off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:
 
 def _cause(
     levels: NDArray[Any], clip: float, ample: bool, found: dict[str, F64], sequence: Sequence, share: Any
-) -> tuple[str, str]:
-    """The cause and its cure, of levels (N, K) and places (K,); ample: contrast; the most certain one
-    first."""
+) -> tuple[str, str, bool]:
+    """The cause, its cure and whether it is certain, of levels (N, K) and places (K,); ample: contrast; the
+    most certain one first."""
     some = levels[:, :: 1 + levels.shape[1] // 4096]
     if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
-        return "the frames hold two levels only", "fringes need grey values: capture without a threshold"
+        return (
+            "the frames hold two levels only",
+            "fringes need grey values: capture without a threshold",
+            True,
+        )
     clipped = (some >= clip).mean(axis=1)
     coded = np.array([frame.axis is not None for frame in sequence.frames])
     if np.mean(clipped[coded] > 0.25) > 0.5 or share(Flag.SATURATED) > 0.5:
-        return f"{np.count_nonzero(clipped > 0.25)} of {len(some)} frames clip", "expose less"
+        return f"{np.count_nonzero(clipped > 0.25)} of {len(some)} frames clip", "expose less", True
     if share(Flag.OFF_PATTERN) >= _OFF:
         for axis in plan(sequence).axes:
             places = found[axis.axis]
             beyond = (places < -0.5) | (places > axis.extent - 0.5)
             if beyond.mean() > 0.5 * _OFF:
-                return off_the_end(axis.axis, axis.extent, places), "correct capture.toml"
+                return _off_the_end(axis.axis, axis.extent, places), "correct capture.toml", False
     if share(Flag.DARK | Flag.LOW_CONTRAST) > 0.5 and not ample:
         swing = float(np.ptp(some, axis=0).mean())
         if swing > _BRIGHT * clip:
-            return f"fringes are weak where frames differ by {swing:.0f} levels", _FOCUS
+            return f"fringes are weak where frames differ by {swing:.0f} levels", _FOCUS, True
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
-        return f"the pattern is too weak for its sequence, {swing:.2g} levels", cure
+        return f"the pattern is too weak for its sequence, {swing:.2g} levels", cure, True
     causes = {
         Flag.ORDER_DOUBTFUL: (
             "fringe orders are ambiguous",
@@ -130,4 +135,19 @@ def _cause(
         Flag.OFF_PATTERN: ("the others lie beyond the pattern", "correct decode --pixels, or capture.toml"),
         Flag.SATURATED: ("samples clip", "expose less"),
     }
-    return causes[max(causes, key=share)]
+    worst = max(causes, key=share)
+    return *causes[worst], worst is Flag.SATURATED
+
+
+def mirror_coverage(flags: NDArray[np.unsignedinteger[Any]]) -> tuple[float, float]:
+    """Share of the image (H, W) that the mirror fills, and good share of the mirror (NaN without one).
+
+    The mirror: pixels whose level changes with the patterns, with holes filled, except masked pixels.
+    """
+    without = Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
+    changing = (flags & without == 0) | (flags & Flag.SATURATED != 0)
+    around = np.pad(changing.astype(np.uint8), 1)
+    cv2.floodFill(around, None, (0, 0), 2)
+    mirror = (around[1:-1, 1:-1] != 2) & (flags & Flag.INVALID == 0)
+    good = float((flags == 0)[mirror].mean()) if mirror.any() else math.nan
+    return float(mirror.mean()), good

@@ -1,0 +1,259 @@
+"""Small blocks of the image, decoded plainly: which of their pixels have a place, and where.
+
+A pixel is placed where its bits are decided, its fringes are sinusoids, and its place lies on the pattern and
+continues its neighbours'. The decoder proper is sharper; this one says how well an order or a description
+fits, for hundreds of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.errors import InputError
+from optolever.kernels import F32, I64
+from optolever.patterns import Sequence
+
+from ..plan import AxisPlan, Code, Fringe, Plan, plan
+
+__all__ = [
+    "SIDE",
+    "Plain",
+    "Trial",
+    "blocks_of",
+    "cut",
+    "fit_fringe",
+    "places",
+    "plain_decode",
+    "shortfall",
+    "word_places",
+]
+
+Mask = NDArray[np.bool_]
+#: Blocks, side of one, pixels; places at which they may lie.
+_BLOCKS, SIDE, _PLACES = 36, 10, 3000
+#: Residual of a fringe over its amplitude, at most (gamma 2.2: .57).
+_SINE = 0.7
+#: Shortfall of a share without pixels.
+_NONE = 0.05
+
+
+class Trial(NamedTuple):
+    """A hypothesis. order (N,): captured picture of each image of `sequence`; free: image that no picture
+    shows, -1: none; before: share of the picture before in every one."""
+
+    name: str
+    order: I64
+    sequence: Sequence
+    free: int = -1
+    before: float = 0.0
+
+
+class Plain(NamedTuple):
+    """Of one axis: share of pixels with a place, by block (B,); mean phasor of each finer fringe against the
+    coarser place (NaN: too few pixels); place (B, side, side); whether it is one, of inner pixels."""
+
+    share: NDArray[np.float64]
+    phasors: list[float]
+    place: F32
+    placed: Mask
+
+
+def blocks_of(frames: NDArray[Any], mask: Mask | None) -> I64 | None:
+    """First pixels (B, 2) of lit blocks; for every frame two with an edge of it, the rarest edges first."""
+    half, step, rng = SIDE // 2, SIDE // 2 - 1, np.random.default_rng(0)
+    stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
+    inside = tuple(slice(half, extent - half, stride) for extent in frames.shape[1:])
+    low = frames[(slice(None), *inside)].astype(np.float32)
+    if 0 in low.shape:
+        return None
+    span = np.ptp(low, axis=0)
+    lit = span > 0.4 * np.quantile(span, 0.95)
+    if mask is not None:
+        lit &= mask[inside]
+    corners = [(y, x) for y in (half - step, half + step) for x in (half - step, half + step)]
+    around = [frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]] for y, x in corners]
+    edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
+    chosen: list[tuple[int, int]] = []
+    for edge in sorted(edges, key=np.count_nonzero):
+        more = 2 - sum(bool(edge[at]) for at in chosen)
+        chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[: max(more, 0)]]
+    chosen = chosen[:_BLOCKS]
+    chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
+    return stride * rng.permutation(np.array(chosen, np.int64)) if chosen else None
+
+
+def cut(image: NDArray[Any], at: I64) -> NDArray[Any]:
+    """Blocks (..., B, side, side) of an image (..., H, W)."""
+    return np.stack([image[..., y : y + SIDE, x : x + SIDE] for y, x in at], axis=-3)
+
+
+def plain_decode(blocks: F32, trial: Trial) -> list[Plain]:
+    """Each axis that plain decoding knows. InputError where the description is none."""
+    known = plan(trial.sequence)
+    some = _images(blocks, trial)
+    axes = [a for a in known.axes if (a.code is not None or a.fringes) and not a.looked_up]
+    return [places(some, axis, known, trial.free) for axis in axes]
+
+
+def _images(blocks: F32, trial: Trial) -> F32:
+    """Images (N, B, side, side) of a hypothesis."""
+    if not trial.before:
+        return blocks[trial.order]
+    mixture = (1 - trial.before) * np.eye(len(blocks)) + trial.before * np.eye(len(blocks), k=-1)
+    mixture[0, 0] = 1.0
+    return np.tensordot(np.linalg.inv(mixture).astype(np.float32), blocks[trial.order], 1)
+
+
+def shortfall(blocks: F32, trial: Trial, base: Any = _NONE) -> NDArray[np.float64]:
+    """1 - share: of axes (twice), finer fringes, equal mean levels, no residuals, white over black; without
+    pixels half as much as in base."""
+    try:
+        found, known = plain_decode(blocks, trial), plan(trial.sequence)
+    except InputError:
+        return np.array([np.inf])
+    shares = [value for one in found for value in (one.share.mean(), one.share.mean(), *one.phasors)]
+    shares += _light(_images(blocks, trial), known, trial.free)
+    ends = [known.white, known.black]
+    if min(ends) >= 0:
+        white, black = blocks[trial.order[ends]]
+        bright = np.mean(white - black > 0.25 * np.ptp(blocks, axis=0))
+        shares.append(np.nan if trial.free in ends else bright)
+    one = np.array(shares)
+    unknown = np.maximum(0.5 * base, _NONE) if np.shape(base) == one.shape else _NONE
+    return np.where(np.isnan(one), unknown, 1 - one)
+
+
+def _light(images: F32, known: Plan, free: int) -> list[float]:
+    """1 less the median deviation of a fringe's mean level from all others', and less its residual, both in
+    amplitudes; NaN of a fringe that has lost its steps."""
+    every = [one for axis in known.axes if not axis.looked_up for one in axis.fringes]
+    fits = [fit_fringe(images, one, free) for one in every]
+    means = [fit[2] for fit in fits if fit is not None]
+    usual, shares = np.median(means, axis=0) if means else 0.0, list[float]()
+    for fit in fits:
+        off = (np.nan, np.nan) if fit is None else (np.abs(fit[2] - usual) / fit[1], fit[3])
+        shares += [1 - min(float(np.median(one)), 1.0) for one in off]
+    return shares
+
+
+def places(blocks: F32, axis: AxisPlan, known: Plan, free: int = -1, lit: Mask | None = None) -> Plain:
+    """lit (B, side, side): pixels that count."""
+    fits = [(f.period, *fit) for f in axis.fringes if (fit := fit_fringe(blocks, f, free)) is not None]
+    shape = blocks.shape[1:]
+    ok: Mask = np.ones(shape, np.bool_)
+    for *_, residual in fits:
+        ok &= residual < _SINE
+    width, phasors = np.zeros(shape, np.float32), list[float]()
+    if axis.code is not None:
+        place, width, decided = word_places(blocks, axis.code, known, fits[0] if fits else None, free)
+        if (
+            fits and len(place) > 1
+        ):  # the other value mirrors the place: the fringe knows its half of a period
+            gap = fits[0][1] - place / np.float32(fits[0][0])
+            which = np.abs(gap - np.rint(gap)).argmin(axis=0)
+            place = np.take_along_axis(place, which[None], axis=0)
+        ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
+        good = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
+    elif fits:
+        place = _ladder_place(fits, axis.extent)[None]
+        good = ok[None, :, 1:-1, 1:-1]
+    else:
+        return Plain(np.zeros(len(width)), phasors, width, np.zeros_like(ok[:, 1:-1, 1:-1]))
+    for period, turn, _, _, _ in fits:
+        gap = turn - place / period
+        use = (width < 0.75 * period) & ok
+        if axis.code is not None or period < fits[0][0]:
+            mean = np.cos(2 * np.pi * gap) / np.sinc(np.minimum(width / period, 0.75))
+            share = (mean * use).sum(axis=(2, 3)).max(axis=0).sum() / max(use.sum(), 1)
+            phasors.append(min(share, 1.0) if use.mean() > 0.2 else np.nan if ok.mean() > 0.2 else 0.0)
+        place, width = period * (turn - np.rint(gap)), np.zeros_like(width)
+        good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
+    inner = place[..., 1:-1, 1:-1]
+    good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
+    better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(shape[0])
+    placed = good[better]
+    share = placed.mean(axis=(1, 2)) if lit is None else placed[lit[:, 1:-1, 1:-1]]
+    return Plain(np.asarray(share, np.float64), phasors, place[better], placed)
+
+
+def fit_fringe(blocks: F32, fringe: Fringe, free: int = -1) -> tuple[F32, F32, F32, F32] | None:
+    """Phase (turns), amplitude, offset, residual over amplitude; None: less than three samples."""
+    keep = [k for k, i in enumerate(fringe.index) if i != free]
+    if len(keep) < 3:
+        return None
+    design, levels = fringe.design[keep].astype(np.float32), blocks[[fringe.index[k] for k in keep]]
+    fit = np.tensordot(np.linalg.pinv(design), levels, 1)
+    amplitude = np.hypot(fit[1], fit[2]) + np.float32(1e-3)
+    square = np.square(levels - np.tensordot(design, fit, 1)).sum(axis=0) / max(len(keep) - 3, 1)
+    residual = np.sqrt(square) / amplitude if len(keep) > 3 else np.zeros_like(amplitude)
+    return np.arctan2(fit[2], fit[1]) / np.float32(2 * np.pi), amplitude, fit[0], residual
+
+
+def word_places(
+    blocks: F32, code: Code, known: Plan, fit: tuple[Any, ...] | None, free: int = -1
+) -> tuple[F32, F32, Mask]:
+    """Place (1 or 2, B, side, side), of both values of an unknown bit; width of its interval, pattern px;
+    whether all but the finest bits are decided."""
+    ends = [known.white, known.black]
+    used = [i for i in (*code.plain, *code.inverse) if i >= 0 and i != free]
+    high, low = blocks[used].max(axis=0), blocks[used].min(axis=0)
+    middle, half = 0.5 * (high + low), np.maximum(0.5 * (high - low), 1)
+    if min(ends) >= 0 and free not in ends:
+        middle = 0.5 * (blocks[known.white] + blocks[known.black])
+    elif fit is not None:
+        middle = fit[3]
+    pairs = [[-1 if i == free else i for i in pair] for pair in zip(code.plain, code.inverse, strict=True)]
+    unknown = [b for b, pair in enumerate(pairs) if max(pair) < 0]
+
+    def bright(i: int, j: int) -> F32:
+        """Level of a bit beyond its middle, by its frame, that of its inverse, or both."""
+        if min(i, j) >= 0:
+            return np.asarray((blocks[i] - blocks[j]) / 2)
+        return np.asarray(blocks[i] - middle if i >= 0 else middle - blocks[j])
+
+    levels = np.stack([bright(i, j) for i, j in pairs])
+    levels[unknown] = half
+    bits, opened = np.arange(len(pairs))[:, None, None, None], np.abs(levels) < 0.25 * half
+    run = np.zeros(half.shape, np.int64)
+    together = code.kind == "binary"  # several bits change between adjacent cells; in Gray codes one does
+    for b in range(0 if together else len(pairs)):
+        run += (run == b) & opened[b]
+    fine = bool(unknown) and unknown[0] <= 2 and fit is None  # coarser ones are constant in most blocks
+    run = np.maximum(run, unknown[0] + 1) if fine else run
+    decided = (opened & (bits >= run)).sum(axis=0) <= (3 if together else 1)
+    word = ((levels > 0) << bits).sum(axis=0)
+    words = np.stack([word, word ^ (1 << unknown[0])]) if unknown and not fine else word[None]
+    finest = (1 << run) - 1
+    cell = np.minimum(code.cells[words & ~finest], code.cells[words | finest]) >> run << run
+    width = np.asarray((1 << run) * code.cell, np.float32)
+    return np.asarray(cell * code.cell + 0.5 * (width - 1) + code.origin, np.float32), width, decided
+
+
+def _ladder_place(fits: list[Any], extent: int) -> F32:
+    """Place by the coarsest fringe; its order is that which the others confirm best."""
+    period, turn = fits[0][:2]
+    place = np.asarray(np.mod(turn + 0.5 / period, 1) * period - 0.5, np.float32)
+    if period >= extent or len(fits) == 1:
+        return place
+    best, cost = place, np.full(place.shape, np.inf, np.float32)
+    for order in range(int(np.ceil(extent / period))):
+        tried = place + np.float32(order * period)
+        gaps = [other[1] - tried / other[0] for other in fits[1:]]
+        square = sum(np.square(gap - np.rint(gap)) for gap in gaps)
+        best, cost = np.where(square < cost, tried, best), np.minimum(square, cost)
+    return best
+
+
+def _smooth(place: F32, slack: Any, share: float) -> Mask:
+    """Inner pixels whose second differences are below slack and a share of the first differences."""
+    good: Any = True
+    for axis in (2, 3):
+        first = np.abs(step := np.diff(place, axis=axis))
+        a, b = (np.delete(first, end, axis) for end in (-1, 0))
+        rough = np.abs(np.diff(step, axis=axis)) - share * (a + b)
+        inner = (..., slice(None), slice(1, -1)) if axis == 2 else (..., slice(1, -1), slice(None))
+        good = good & (rough[inner] <= (slack[..., 1:-1, 1:-1] if np.ndim(slack) else slack))
+    return np.asarray(good, np.bool_)
