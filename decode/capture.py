@@ -47,7 +47,7 @@ _CACHE = 1 << 20
 _LIT = 0.15
 #: Change of a statistic from which on a profile no longer holds; of sigma from which on a notice says so.
 _CHANGED, _NOTICED = 2.0, 1.5
-#: Lag whose square, what earlier frames left, shifts heights of three steps by less than a sigma.
+#: Lag of three steps from which on a notice names it.
 _SHORT = 0.02
 #: Share of the good pixels below which a profile no longer holds.
 _FEWER = 0.9
@@ -223,16 +223,15 @@ _CURES = {
 
 def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
     """Motion; else what costs a factor of 1.5 in sigma or more, its largest part by name."""
-    nan, fringes = float("nan"), [axis for axis in axes if axis.fringes]
+    nan = float("nan")
     for effect in profile.effects:
         if effect.name == "motion":
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
             cure = "sigma includes it; hold the mirror still, or show fewer frames"
             return (Notice(name, nan, nan, cure),)
-        ladder = any(not one.code and len(one.fringes[-1].index) == 3 for one in fringes)
-        if effect.name == "lag" and effect.value > _SHORT and ladder:
+        if effect.name == lag.LADDER and effect.value > _SHORT:
             name = (
-                f"a lag of {100 * effect.value:.2g} % is corrected; three steps hide what earlier frames left"
+                f"a lag of about {100 * effect.value:.2g} % of the display, which three steps take for places"
             )
             cure = "heights may err by more than sigma; show four steps, or wait longer before each picture"
             return (Notice(name, nan, nan, cure),)

@@ -5,8 +5,8 @@ C A(m)^-1 x = 0 for the right share m, found by Gauss-Newton. The fringes' mean 
 up to the third are regressed out: a gamma or a flicker is no lag. The regressor's samples are their fit,
 whose noise is not that of C x; the rest, by unequal noise of the levels, is subtracted. Three steps have no
 such combinations: phases of two periods must agree, and bits be white or black; bits alone show what a slow
-display holds of the frame before the last one. Codes without fringes need no correction: a threshold bears
-it.
+display holds of the frame before the last one, so a ladder is not corrected. Codes without fringes need no
+correction: a threshold bears it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,11 @@ from optolever.kernels import F64
 from ..plan import Fringe, Plan, constraints
 from . import Correction, Effect, View
 
-__all__ = ["correct", "matrix"]
+__all__ = ["LADDER", "correct", "matrix"]
+
+#: Name of the effect of a ladder of three steps, which is not corrected: its estimate takes what is left of
+#: all frames before for a share of the last one.
+LADDER = "lag of three steps"
 
 #: Most pixels of the sample, and fewest; parts of them for the scatter of the share; steps.
 _MOST, _FEWEST, _PARTS, _STEPS = 2048, 256, 16, 3
@@ -37,7 +41,7 @@ _KNOWN, _NEAR, _DECIDED = 1e-3, 0.2, 0.25
 
 def matrix(effects: tuple[Effect, ...], count: int) -> F64:
     """(N, N): frames without the lag of a profile's effects from captured ones; the first frame has none."""
-    shares = [effect.value for effect in effects if effect.unit in _UNITS]
+    shares = [one.value for one in effects if one.unit in _UNITS and one.name != LADDER]
     return np.asarray(np.linalg.inv(_mixture(np.array(shares), count)))
 
 
@@ -78,6 +82,8 @@ def correct(view: View) -> Correction | None:
     sure = np.abs(shares) > _SURE * sigma
     if not (sure[0] and shares.max() < _LARGEST):
         return None
+    if any(not axis.code and axis.fringes and len(axis.fringes[-1].index) == 3 for axis in plan.axes):
+        return Correction((Effect(LADDER, float(shares[0]), float(sigma[0]), _UNITS[0]),))
     named = zip(("lag", "longer lag"), shares.tolist(), sigma.tolist(), _UNITS, strict=False)
     found = tuple(Effect(*one) for one in named)[: 1 + sure[1:].any()]
     return Correction(found, _variance(view, found), matrix(found, count))
