@@ -8,7 +8,7 @@ import optolever as ol
 from .arguments import Arg, program
 from .options import Json, Pitch, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
-from .show import number, table, write_json
+from .show import number, possible, table, write_json
 
 SAMPLE = """
 $ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5
@@ -31,12 +31,12 @@ def command(
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
     .sdf (ISO 25178), .dat (Zygo MetroPro), .wft (DFTFringe, of a disc), .csv and .npy of a regular grid. Good
-    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid.
+    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid. Of several
+    files those are written that can be; the others are named.
     """
     height = ol.metrology.load_measured(source)
     with ol.files.together(), blame(source):
-        for path in files:
-            height.export(path, pitch)
+        files = possible(files, lambda path: height.export(path, pitch))
         write_json(json_path, {"files": [str(path) for path in files]})
     sizes = {str(path): number(path.stat().st_size / 1e6, "MB") for path in files if path.is_file()}
     table(f"Exported {source}", sizes)

@@ -3,7 +3,7 @@
 import re
 import time
 from dataclasses import asdict, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,6 +37,7 @@ from .show import (
     medians,
     noise_and_rig,
     number,
+    possible,
     print_notices,
     progress,
     table,
@@ -73,7 +74,8 @@ OUT = Opt("--out H.npz", "File to write the height map to.", OutputFile(".npz"))
 GRID = Opt(
     "--grid FILE",
     "Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), or .x3p, "
-    ".sdf (ISO 25178), .dat (Zygo), .wft (DFTFringe), .csv, .npy; again for more.",
+    ".sdf (ISO 25178), .dat (Zygo), .wft (DFTFringe), .csv, .npy; again for more. "
+    "Before the solve a format is named that cannot hold the grid.",
     OutputFile(*GRID_SUFFIXES, bare=False),
 )
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
@@ -142,6 +144,9 @@ def command(
         rest = _kept_rest(scene_name, no_rest, sofast, keep_rest, size)
     with progress() as step:
         with blame(source):
+            if grids:
+                flat = reconstruct.map_at_rest(correspondence, scene, anchor, mask, rest).resample(pitch)
+                grids = possible(grids, flat.require_format)
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct.reconstruct(
@@ -156,7 +161,6 @@ def command(
             step("compare")
             numbers = _numbers(height) | {"seconds": seconds}
             numbers |= {} if truth is None else _against_truth(truth, correspondence, height)
-            regular = height.resample(pitch) if grids else None
         step("write")
         with ol.files.together():
             height.save(out)
@@ -164,15 +168,23 @@ def command(
                 _keep_rest(scene_name, correspondence, height)
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
-            if regular is not None:
-                for path in grids:
-                    regular.export(path)
+            whole = _write_grids(grids, height, pitch)
             write_json(json_path, numbers)
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers, scene.layer))
     if "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
-    return 0 if height.good.any() and not height.implausible else 2
+    return 0 if whole and height.good.any() and not height.implausible else 2
+
+
+def _write_grids(files: tuple[Path, ...], height: "ol.reconstruct.HeightMap", pitch: float | None) -> bool:
+    """Write those files that can hold the heights; whether there is one, or none was asked for."""
+    try:
+        regular = cache(height.resample)
+        return not files or bool(possible(files, lambda path: regular(pitch).export(path)))
+    except InputError as error:
+        print_notices([str(error)])
+        return False
 
 
 def _kept_rest(scene: str, *without: object) -> "ol.decode.Correspondence | None":

@@ -3,13 +3,14 @@
 import math
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import optolever as ol
+from optolever.errors import InputError
 from optolever.quantities import length as length
 from optolever.quantities import number as number
 from optolever.quantities import two_digits
@@ -95,6 +96,20 @@ def print_notices(notices: "Iterable[Notice | str]") -> None:
 
     for notice in dict.fromkeys(map(str, notices)):
         click.echo(f"Notice: {notice}", err=True)
+
+
+def possible(files: Sequence[Path], work: Callable[[Path], None]) -> tuple[Path, ...]:
+    """The files for which the work could be done; a notice names each other one. InputError if none could."""
+    reasons = dict[Path, str]()
+    for path in files:
+        try:
+            work(path)
+        except InputError as error:
+            reasons[path] = str(error) if str(path) in str(error) else f"{path}: {error}"
+    if files and len(reasons) == len(files):
+        raise InputError("; ".join(reasons.values()))
+    print_notices(reasons.values())
+    return tuple(path for path in files if path not in reasons)
 
 
 def table(title: str, rows: Mapping[str, str]) -> None:

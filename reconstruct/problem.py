@@ -19,7 +19,7 @@ from .measured import Measured
 from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
 from .solver.newton import State, solve
 
-__all__ = ["Problem", "first_solution"]
+__all__ = ["Problem", "first_problem", "first_solution"]
 
 _LEAST = 2  # rows and columns of pixels
 _LEAST_SIGMA = 1e-5  # pattern pixels
@@ -83,6 +83,13 @@ class Problem(Window):
     suspects: Mask
 
 
+def first_problem(
+    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
+) -> Problem:
+    """The problem before any solution."""
+    return _on_pixels(_prepare(correspondence, scene, anchor, mask))
+
+
 def first_solution(
     correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
 ) -> tuple[Problem, State]:
@@ -90,8 +97,7 @@ def first_solution(
 
     Pixels that cannot be solved with the mirror at rest are excluded.
     """
-    grid = _prepare(correspondence, scene, anchor, mask)
-    problem = _on_pixels(grid)
+    problem = first_problem(correspondence, scene, anchor, mask)
     data = problem.data
     state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
     hollow = problem.to_image(data.singular(state.w, usual=problem.usual)[0], False)

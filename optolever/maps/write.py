@@ -20,7 +20,10 @@ from optolever import __version__
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-__all__ = ["DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen", "write_tiff"]
+__all__ = [
+    "DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen", "require_format",
+    "write_tiff",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -238,8 +241,19 @@ def write_x3p(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
 def write_wft(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
     """z (rows, cols) mm as the wavefront that the surface reflects, twice its height, in waves of 550 nm: a
     text of a value a line, the lowest row first. The outside ellipse is the circle around the known points;
-    unknown ones in it are 0. InputError where the known points are no disc: DFTFringe has no other mask.
+    unknown ones in it are 0. InputError as of _disc.
     """
+    row, col, radius = _disc(path, z)
+    waves = 2e6 / WFT_NM * np.nan_to_num(z)
+    lines = [str(z.shape[1]), str(z.shape[0]), *(f"{value:.9g}" for value in waves[::-1].ravel())]
+    lines.append(f"outside ellipse {row:.9g} {col:.9g} {radius:.9g} {radius:.9g}")
+    lines += [f"DIAM {2 * radius * pitch_mm:.9g}", "ROC 0", f"Lambda {WFT_NM:g}", ""]
+    _store(path, "\n".join(lines).encode("ascii"))
+
+
+def _disc(path: str | Path, z: Floats) -> tuple[float, float, float]:
+    """Middle (row, column) and radius, points, of the circle around the known points. InputError where these
+    are no disc: DFTFringe has no other mask."""
     known = np.isfinite(z)
     _require_any(path, known)
     row, col = np.nonzero(known)
@@ -250,11 +264,7 @@ def write_wft(path: str | Path, z: Floats, pitch_mm: float, *_: float) -> None:
             f"{path}: the known points are no disc, as a .wft file holds it; "
             "`form --aperture circle --out FILE.wft` writes one"
         )
-    waves = 2e6 / WFT_NM * np.where(known, z, 0.0)
-    lines = [str(z.shape[1]), str(z.shape[0]), *(f"{value:.9g}" for value in waves[::-1].ravel())]
-    lines.append(f"outside ellipse {centre[0]:.9g} {centre[1]:.9g} {radius:.9g} {radius:.9g}")
-    lines += [f"DIAM {2 * radius * pitch_mm:.9g}", "ROC 0", f"Lambda {WFT_NM:g}", ""]
-    _store(path, "\n".join(lines).encode("ascii"))
+    return *centre, radius
 
 
 def write_csv(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm: float) -> None:
@@ -275,6 +285,16 @@ def write_npy(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
     data = io.BytesIO()
     np.save(data, np.stack([x, y, z]))
     _store(path, data.getvalue())
+
+
+def require_format(path: str | Path, z: Floats) -> None:
+    """InputError unless the format of the suffix has a place for the points of z (rows, cols) that are known:
+    for before the heights are."""
+    suffix = Path(path).suffix.lower()
+    if suffix == ".wft":
+        _disc(path, z)
+    elif suffix not in (".npz", ".tif", ".tiff"):
+        _require_any(path, np.isfinite(z))
 
 
 def _store(path: str | Path, *parts: bytes) -> None:

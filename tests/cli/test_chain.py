@@ -1,5 +1,7 @@
 """The commands do what the library does: files by their names, numbers within bounds; inputs as they come."""
 
+import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from optolever.decode import Correspondence, Flag
+from optolever.maps import read_grid
 from optolever.reconstruct import HeightMap
 
 from .conftest import Chain, Program, Refused
@@ -48,6 +51,44 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
     with np.load(names[0]) as grid:
         np.testing.assert_allclose(tifffile.imread(names[1]), grid["z"], rtol=1e-6)
         assert np.isfinite(grid["sigma"]).mean() > 0.8
+
+
+def test_formats_that_cannot_hold_a_grid_are_named_and_the_others_written(
+    optolever: Program, refused: Refused, chain: Chain, tmp_path: Path
+) -> None:
+    """A disc before the solve: the truth cannot be read, which is said after it. Heights of 0.2 m (the
+    scene, 50 times as large), of which DAT holds 165, after the solve: the map is kept."""
+    out, first = tmp_path / "h.npz", ("--grid", tmp_path / "g.wft")
+    refused([*chain.solve, "--out", out, *first, "--truth", chain.height], "g.wft: ", "no disc", "circle")
+    too_fine = ["--pitch", "1e-5", "--grid", tmp_path / "g.npz"]
+    refused([*chain.solve, "--out", out, *first, *too_fine, "--truth", chain.height], "pitch = 1e-05 mm")
+    others = [tmp_path / f"g.{suffix}" for suffix in ("npz", "tif", "x3p", "sdf", "csv")]
+    grids = [word for name in others for word in ("--grid", name)]
+    done = optolever(*chain.solve, "--out", out, *first, *grids)
+    assert [line.split(":")[1].strip() for line in done.err.splitlines()] == [str(tmp_path / "g.wft")]
+    assert all(path.is_file() for path in (out, *others))
+    assert not (tmp_path / "g.wft").exists()
+    with np.load(chain.capture / "truth.npz") as archive:
+        x, y, z = (archive[name].astype(float) for name in "xyz")
+    lines, large = (chain.capture / "scene.toml").read_text().splitlines(), tmp_path / "large.toml"
+    by_50 = [re.sub("[0-9.]+", lambda at: str(50 * float(at[0])), each) for each in lines]
+    large.write_text("\n".join(b if "_mm = " in a else a for a, b in zip(lines, by_50, strict=True)))
+    for more, code in (("--grid", tmp_path / "h.csv"), 0), ((), 2):
+        args = [*chain.solve[:-1], large, "--anchor", f"{50 * x[48, 48]},{50 * y[48, 48]},200", *more]
+        args += ["--out", tmp_path / f"{code}.npz", "--grid", tmp_path / "h.dat"]
+        assert "h.dat: heights up to 2" in optolever(*args, code=code).err
+        assert HeightMap.load(tmp_path / f"{code}.npz").good.any()
+    assert (tmp_path / "h.csv").is_file()
+    assert not (tmp_path / "h.dat").exists()
+    args = ["export", out, tmp_path / "e.wft", tmp_path / "e.sdf", "--json", tmp_path / "e.json"]
+    assert "e.wft: the known points are no disc" in optolever(*args).err
+    assert json.loads((tmp_path / "e.json").read_text()) == {"files": [str(tmp_path / "e.sdf")]}
+    disc = np.hypot(x - x[48, 48], y - y[48, 48]) < 40
+    cv2.imwrite(str(tmp_path / "disc.png"), np.where(disc, 255, 0).astype(np.uint8))
+    point = ("--anchor", f"{x[48, 48]},{y[48, 48]},{z[48, 48]}", "--mask", tmp_path / "disc.png")
+    assert not optolever(*chain.solve, *point, "--out", tmp_path / "disc.npz", *first).err
+    written = read_grid(tmp_path / "g.wft").z
+    assert np.nanmax(written) == pytest.approx(z[disc].max(), rel=1e-3)
 
 
 @pytest.fixture
