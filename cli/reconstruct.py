@@ -117,6 +117,7 @@ def command(
     or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
     correspondence decoded from that measurement.
     """
+    from optolever.maps import require_format
     from optolever.pictures import read_mask
 
     source, reconstruct = sources[0], ol.reconstruct
@@ -146,7 +147,7 @@ def command(
         with blame(source):
             if grids:
                 flat = reconstruct.map_at_rest(correspondence, scene, anchor, mask, rest).resample(pitch)
-                grids = possible(grids, flat.require_format)
+                grids = possible(grids, lambda path: require_format(path, flat.z))
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct.reconstruct(
@@ -168,23 +169,14 @@ def command(
                 _keep_rest(scene_name, correspondence, height)
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
-            whole = _write_grids(grids, height, pitch)
+            regular = cache(height.resample)
+            written = possible(grids, lambda path: regular(pitch).export(path), kept=True)
             write_json(json_path, numbers)
     print_notices(height.notices)
     table(f"Height map in {out}", _rows(numbers, scene.layer))
     if "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
-    return 0 if whole and height.good.any() and not height.implausible else 2
-
-
-def _write_grids(files: tuple[Path, ...], height: "ol.reconstruct.HeightMap", pitch: float | None) -> bool:
-    """Write those files that can hold the heights; whether there is one, or none was asked for."""
-    try:
-        regular = cache(height.resample)
-        return not files or bool(possible(files, lambda path: regular(pitch).export(path)))
-    except InputError as error:
-        print_notices([str(error)])
-        return False
+    return 0 if height.good.any() and not height.implausible and (written or not grids) else 2
 
 
 def _kept_rest(scene: str, *without: object) -> "ol.decode.Correspondence | None":

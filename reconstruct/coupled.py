@@ -27,7 +27,7 @@ from .judgement.holes import noise_gain
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
 from .judgement.tests import Solved, judged
 from .load import SAG, free_mode, less_sag
-from .problem import Problem, first_problem, first_solution
+from .problem import Problem, first_solution, on_pixels, prepare
 from .result import height_map, refused, with_references, without_unknown
 from .rig.calibration import same_capture
 from .rig.hypotheses import mistakes, of_another_rig
@@ -130,19 +130,15 @@ def reconstruct(
 
 
 def map_at_rest(
-    correspondence: Correspondence,
-    scene: Scene,
-    anchor: Anchors = None,
-    mask: Mask | None = None,
-    rest: Correspondence | None = None,
+    found: Correspondence, scene: Scene, anchor: Anchors, mask: Mask | None, rest: Correspondence | None
 ) -> HeightMap:
     """The mirror at rest on the pixels that `reconstruct` begins with: what its map will cover at most, in a
     fraction of its time. InputError as of `reconstruct`."""
     if rest is not None:
         scene, anchor = _above_rest(scene, anchor)
-    measured = Measurement(correspondence, anchor, mask, rest)
+    measured = Measurement(found, anchor, mask, rest)
     with _explained(measured, scene), blas_on_one():
-        problem = first_problem(measured.corrected(scene), scene, anchor, mask)
+        problem = on_pixels(prepare(measured.corrected(scene), scene, anchor, mask))
     x, y, z = (problem.to_image(each, np.nan) for each in problem.data.points_at_rest())
     flags = np.where(problem.to_image(problem.data.mask, False), 0, HeightFlag.NO_ANCHOR)
     return HeightMap(x, y, z, np.zeros(z.shape), flags.astype(np.uint16))

@@ -19,7 +19,7 @@ from .measured import Measured
 from .solver.anchors import EDGE_REACH, Anchors, Samples, anchor_rows, anchor_samples
 from .solver.newton import State, solve
 
-__all__ = ["Problem", "first_problem", "first_solution"]
+__all__ = ["Problem", "first_solution", "on_pixels", "prepare"]
 
 _LEAST = 2  # rows and columns of pixels
 _LEAST_SIGMA = 1e-5  # pattern pixels
@@ -83,13 +83,6 @@ class Problem(Window):
     suspects: Mask
 
 
-def first_problem(
-    correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
-) -> Problem:
-    """The problem before any solution."""
-    return _on_pixels(_prepare(correspondence, scene, anchor, mask))
-
-
 def first_solution(
     correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
 ) -> tuple[Problem, State]:
@@ -97,14 +90,14 @@ def first_solution(
 
     Pixels that cannot be solved with the mirror at rest are excluded.
     """
-    problem = first_problem(correspondence, scene, anchor, mask)
+    problem = on_pixels(prepare(correspondence, scene, anchor, mask))
     data = problem.data
     state = solve(data, problem.samples, problem.labels, data.rest(), variances=problem.variances)
     hollow = problem.to_image(data.singular(state.w, usual=problem.usual)[0], False)
     return replace(problem, singular=problem.singular | (hollow & problem.valid)), state
 
 
-def _prepare(
+def prepare(
     correspondence: Correspondence, scene: Scene, anchor: Anchors = None, mask: Mask | None = None
 ) -> Grid:
     """Everything up to the choice of pixels. Raises InputError where the input makes no sense or no anchor
@@ -136,7 +129,7 @@ def _prepare(
     return Grid(rays, valid, rows, cols, data, samples, variances, usual, seen, holes, hollow)
 
 
-def _on_pixels(grid: Grid) -> Problem:
+def on_pixels(grid: Grid) -> Problem:
     """The problem on a grid without pixels that cannot be solved at rest. Raises InputError where no anchor
     reaches any other."""
     data, samples, hollow = grid.data, grid.samples, grid.hollow

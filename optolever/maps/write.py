@@ -20,10 +20,8 @@ from optolever import __version__
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
-__all__ = [
-    "DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen", "require_format",
-    "write_tiff",
-]  # fmt: skip
+__all__ = ["DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen",
+           "require_format", "write_tiff"]  # fmt: skip
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import save_arrays
 from optolever.kernels import allocates, exact
-from optolever.maps import REGULAR, chosen, require_format
+from optolever.maps import REGULAR, chosen
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.schema import load_record
 
@@ -75,10 +75,6 @@ class Grid(Comparable):
     def load(cls, path: str | Path) -> "Grid":
         """Read what save() wrote; InputError names the file and the field."""
         return load_record(cls, path)
-
-    def require_format(self, path: str | Path) -> None:
-        """InputError unless the format of the suffix has a place for the known points."""
-        require_format(path, self.z)
 
     def export(self, path: str | Path) -> None:
         """Write in the format of the suffix, one of GRID_FORMATS; InputError names these. Formats other than
