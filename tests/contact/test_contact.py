@@ -160,6 +160,19 @@ def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
     assert np.sqrt(np.mean(total**2)) < 2e-4
 
 
+def test_more_fields_than_cells_settle_what_the_cells_show() -> None:
+    """Twelve ridges of six circles, 577 amplitudes, between 400 cells: such a fit ended in an IndexError."""
+    rows, columns = (6, 17, 28, 39), (9, 30, 51)
+    ways = [np.hypot(np.maximum(np.abs(X - x) - 4.5, 0), Y - y) for x in columns for y in rows]
+    away, free = np.min(ways, axis=0), X / 60 + 0.2
+    z = 0.05 * np.exp(-((away / 0.6) ** 2) / 2)
+    made = replace(surface(z - 0.02 * free, free=free), good=away < 2.2)
+    found = load_fit(made, None)
+    assert found is not None
+    assert found.c == pytest.approx(-0.02, abs=4 * found.sigma)
+    assert found.sigma < 0.003
+
+
 def test_a_tilted_mirror_that_nothing_touches_has_no_contact() -> None:
     modes = 2e-3 * np.stack([X / 60, (Y - 22) / 22])
     made = surface(np.tensordot([1.0, 1.0], modes, 1), free=X / 60 + 0.2, modes=modes, motions=2)
