@@ -28,6 +28,7 @@ _SPARSE = 4  # stride of the pixels and cells of medians and shares
 _LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
 _LEAST_STRENGTH = 0.05
 _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
+_EARLY = 0.3  # the same, times steps, where few end the fit: after two 2.2 times that after five
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
 _ROUNDS = 4  # of contacts, and of the fit of their load
 _KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
@@ -62,7 +63,7 @@ class Live:
         if (np.abs(deviation.motion) > CREPT * deviation.sigmas[:3]).any():  # what is left is the mirror's
             slopes = slopes - np.tensordot(deviation.motion, self.creep.slopes, 1)
         fine, coarse = (circulations(slopes, good & rig.whole) / prepared.noise.curl).tolist()
-        noise = _sigma(prepared, settled, max(1.0, fine, coarse))
+        noise, wide = (_sigma(prepared, settled, max(1.0, fine, coarse), few) for few in (False, True))
         steep, dusty = holes_of(raw, prepared.noise.sigma, good, rig.lit, rig.rim)
         figures = self._figures(frame, settled, (fine, coarse), deviation)
         self._faded = self._faded + 1 if figures.contrast < FADED else 0
@@ -70,7 +71,7 @@ class Live:
         moved = deviation.heights(self.creep)
         z = raw + moved
         modes = np.float32(deviation.growth) * deviation.modes(self.creep)
-        sigma = np.sqrt(np.square(noise) + np.square(modes).sum(axis=0))
+        sigma = np.sqrt(np.square(wide) + np.square(modes).sum(axis=0))
         hidden = np.where(good, noise, np.float32(_HIDDEN) * prepared.noise.sigma)
         draws = prepared.noise.draws
         surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes), draws=draws)
@@ -185,7 +186,7 @@ def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequ
     in all heights within. Beside cells without a height nothing is known of it."""
     reach, lost = prepared.rig.carriers.window.size // 2, np.zeros((len(regions), *z.shape), np.float32)
     apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8))
-    smoothed = _smoothed(prepared, settled) * apart if regions else z
+    smoothed = _smoothed(prepared, settled, early=True) * apart if regions else z
     for one, mode in zip(regions, lost, strict=True):
         inside = one.inside * apart[one.box]
         sharp = np.square((settled.residual[one.box] * inside).max() / max(_KINK * settled.usual, 1e-6))
@@ -203,20 +204,22 @@ def _noise_scale(prepared: Prepared, settled: Settled) -> float:
     return max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
 
 
-def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0) -> Cells:
+def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0, early: bool = False) -> Cells:
     """Sigma by noise at rest, scaled to this frame's noise and amplitude and by Birge's factor, squared, the
-    inconsistency of its slopes; the predicted change by further steps; and what the window still smooths."""
+    inconsistency of its slopes; the predicted change by further steps; and what the window still smooths,
+    early: with what few steps leave of it, which makes no peak."""
     factor = np.float32(np.sqrt(_noise_scale(prepared, settled) * birge))
     noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
-    ahead, smoothed = np.square(settled.ahead), np.square(_smoothed(prepared, settled))
+    ahead, smoothed = np.square(settled.ahead), np.square(_smoothed(prepared, settled, early))
     return np.where(settled.good, np.sqrt(noise * noise + ahead + smoothed), np.float32(np.inf))
 
 
-def _smoothed(prepared: Prepared, settled: Settled) -> Cells:
+def _smoothed(prepared: Prepared, settled: Settled, early: bool = False) -> Cells:
     """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
     s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows."""
     variance, z = prepared.rig.carriers.spread**2, settled.tau * prepared.rig.normal
     bends = sum(np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
     misfit = np.maximum(settled.residual / np.float32(max(settled.usual, 1e-6)), 1)
-    share = np.minimum(np.float32(_REMAINS) * np.sqrt(misfit), np.float32(_MOST))
+    remains = max(_REMAINS, _EARLY / settled.steps) if early else _REMAINS
+    share = np.minimum(np.float32(remains) * np.sqrt(misfit), np.float32(_MOST))
     return np.asarray(np.float32(variance / 2) * bends * share / (1 - share))  # of the bends as they are
