@@ -169,7 +169,9 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     typed = replace(scene, accuracy=TYPED) if scene.exact else scene
     if at_rest and not accept and (found := mistakes(measured, scene)):
         return _Judged(refused(height), None, found[0])
-    model = rig_model(measured, typed, height)
+    moving = solution.state.unsettled
+    unsettled = None if moving is None else solution.problem.to_image(moving, False)
+    model = rig_model(measured, typed, height, unsettled)
     if model is None:
         return _Judged(height)
     solutions, left = model.solutions(), None

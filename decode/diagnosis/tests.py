@@ -238,7 +238,8 @@ def _words(seen: _Seen, axis: AxisPlan) -> float:
 
 
 def _rough(seen: _Seen, axis: AxisPlan) -> float:
-    """Share of the good pixels more than five sigma and two pattern px off the median of 5 x 5."""
+    """Share of the good pixels more than five sigma, two pattern px and twice the usual step between pixels
+    off the median of 5 x 5."""
     shape, off, count = seen.found.flags.shape, 0, 0
     starts = (
         [(0, 0)]
@@ -259,7 +260,9 @@ def _rough(seen: _Seen, axis: AxisPlan) -> float:
             place = getattr(seen.found, axis.axis)[part].astype(np.float32)
             sigma = getattr(seen.found, f"sigma_{axis.axis}")[part][use]
             usual = cv2.medianBlur(np.where(good, place, np.median(place[good])), 5)
-            off += int(np.count_nonzero(np.abs(place - usual)[use] > np.maximum(5 * sigma, 2)))
+            steps = (np.abs(np.diff(usual, axis=axis_of)) for axis_of in (0, 1))
+            least = max(2.0, 2 * max(float(np.median(step)) for step in steps))
+            off += int(np.count_nonzero(np.abs(place - usual)[use] > np.maximum(5 * sigma, least)))
             count += int(np.count_nonzero(use))
     return off / count if count >= _FEWEST else float("nan")
 

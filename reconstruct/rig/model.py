@@ -261,13 +261,17 @@ class _Circulations(NamedTuple):
         return float(np.max(sums / self.independent))
 
 
-def rig_model(measured: Measurement, scene: Scene, height: HeightMap | None = None) -> RigModel | None:
+def rig_model(
+    measured: Measurement, scene: Scene, height: HeightMap | None = None, unsettled: Mask | None = None
+) -> RigModel | None:
     """The model on a coarse grid, of the pixels that a height map settled; None where there are no errors.
 
-    Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
+    unsettled (H, W): pixels that the last steps still moved, if within their sigma: right before the pattern
+    no linear change holds there. Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
     """
     if height is not None:
         settled = np.isfinite(height.z) & ((height.flags & _UNSETTLED) == 0)
+        settled &= True if unsettled is None else ~unsettled
         if settled.any():
             measured = measured._replace(mask=settled if measured.mask is None else settled & measured.mask)
     step = coarse_step(measured.correspondence.u.shape)
