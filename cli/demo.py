@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
-from optolever.kernels import compiled_beside
 
 from .arguments import Opt, program
 from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
@@ -58,6 +57,8 @@ def command(
     surface, error over sigma, flags, frames, the rig to scale, the time of every stage. The heights
     (height.npz) and every number of the page (figures.csv) are in the same folder.
     """
+    from optolever.kernels import compiled_beside  # NumPy, which --help does without
+
     scene = load_scene(scene_name, size, exact=True)
     pressed = dent or scene.dent or "flat"
     with compiled_beside(_COMPILED) as wait, progress() as step:

@@ -165,14 +165,13 @@ def command(
         step("write")
         with ol.files.together():
             height.save(out)
-            if keep_rest:
-                _keep_rest(scene_name, correspondence, height)
+            dented = _keep_rest(scene_name, correspondence, height) if keep_rest else []
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
             regular = cache(height.resample)
             written = possible(grids, lambda path: regular(pitch).export(path), kept=True)
             write_json(json_path, numbers)
-    print_notices(height.notices)
+    print_notices([*dented, *height.notices])
     table(f"Height map in {out}", _rows(numbers, scene.layer))
     if "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
@@ -194,17 +193,18 @@ def _require_rig(scene: str, alone: bool) -> None:
 
 def _keep_rest(
     rig: str, correspondence: "ol.decode.Correspondence", height: "ol.reconstruct.HeightMap"
-) -> None:
-    """The mirror at rest, stored with the rig; a notice of its largest dent."""
+) -> list[str]:
+    """The mirror at rest, stored with the rig; the notice of its largest dent."""
     if not height.good.any():
         raise InputError(
             f"--keep-rest: no pixel has a height; is the mirror in view, the scene of {rig} right?"
         )
     ol.calibration.store_rest(rig, correspondence)
-    for one in (height.contacts or ())[:1]:
-        place = f"a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm"
-        lack = "later heights lack it; capture the mirror untouched, and store it again"
-        print_notices([f"The mirror at rest has {place}: {lack}"])
+    lack = "later heights lack it; capture the mirror untouched, and store it again"
+    return [
+        f"The mirror at rest has a dent of {length(one.depth)} at ({one.x:.3g}, {one.y:.3g}) mm: {lack}"
+        for one in (height.contacts or ())[:1]
+    ]
 
 
 def _numbers(height: "ol.reconstruct.HeightMap") -> dict[str, Any]:

@@ -267,7 +267,8 @@ def rig_model(
     """The model on a coarse grid, of the pixels that a height map settled; None where there are no errors.
 
     unsettled (H, W): pixels that the last steps still moved, if within their sigma: right before the pattern
-    no linear change holds there. Where the coarse grid has no solution (small images, ragged masks), all pixels are taken.
+    no linear change holds there. Where the coarse grid has no solution (small images, ragged masks), all
+    pixels are taken.
     """
     if height is not None:
         settled = np.isfinite(height.z) & ((height.flags & _UNSETTLED) == 0)

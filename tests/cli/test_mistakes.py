@@ -35,8 +35,8 @@ show --monitor 99
 rig new --kind prism --out {out}.toml | --mirror is missing | mm
 rig new --kind prism --diagonal nan --out {out}.toml | --diagonal | 'nan' is not a finite number
 rig new --kind prism --display-distance 3 --out {out}.toml | --display-distance | --kind is prism
-reconstruct {c} {c} --scene {scene} --keep-rest --out {out} | --keep-rest: is of one capture, not of 2
-reconstruct {c} --scene {scene} --rest {c} --keep-rest --out {out}.npz | --keep-rest | without --rest
+reconstruct {c} {c} {scene} --keep-rest --out {out} | --keep-rest: is of one capture, not of 2
+reconstruct {c} {scene} --rest {c} --keep-rest --out {out}.npz | --keep-rest | without --rest
 show --pictures {out} | --pixels is missing
 show --pictures {out} --pixels 0x5 | '0x5' | WIDTHxHEIGHT
 reconstruct {h} {scene} --out {out}.npz | field 'u' is missing | it is a height map

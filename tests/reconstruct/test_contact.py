@@ -64,7 +64,7 @@ def balls(scene: Scene, noisy) -> list[Contact]:
 @pytest.mark.parametrize(
     ("name", "expected", "least"),
     [
-        ("depth", 1.3, 0.4),
+        ("depth", 1.3, 0.35),  # a tip between cells may be a cone's
         ("area", np.pi * 400, 0.3),
         ("volume", 0.75 * 1.3 * np.pi * 400, 0.3),
         ("indenter_radius", 400 / 1.3, 0.2),

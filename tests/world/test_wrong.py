@@ -64,12 +64,16 @@ def test_half_of_a_picture_good_has_a_cause() -> None:
 
 @pytest.mark.parametrize("rig", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_wrong_descriptions(rig: int) -> None:
-    """At most two hundredths good and wrong; the right number in eight of ten."""
+    """At most two hundredths good and wrong, but for exchanged axes, which frames do not show and a notice
+    asks about; the right number in eight of ten."""
     shot, right = shoot(draw_rig(rig), "gray+phase", World()), []
     for name, numbers, described in descriptions(shot.sequence):
         found = outcome(name, shot, shot.frames, described)
-        assert found.good * found.wrong <= 0.02, found
-        assert found.verdict, found
+        if name == "u and v exchanged":
+            assert any("exchanged?" in text for text in found.told) or found.verdict, found
+        else:
+            assert found.good * found.wrong <= 0.02, found
+            assert found.verdict, found
         right += [explained(shot.frames, described, *numbers)] if numbers else []
     assert np.mean(right) >= 0.8
 
