@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import optolever as ol
 from optolever import InputError
 from optolever.errors import reason_of
-from optolever.schema import built
 
 from .rig_devices import opened, sequence_of
 from .show import print_notices
@@ -174,6 +173,8 @@ def measured_lag(rig: Path, capture: Path) -> float:
         return 0.0
     lines = ol.files.read_lines(times, lambda line: isinstance(line, dict))
     try:
+        from optolever.schema import built  # NumPy
+
         taken = [built(_Times, line, f"line {number}") for number, line in enumerate(lines, 1)]
     except InputError as error:
         raise InputError(f"{times}: {error}") from error

@@ -16,7 +16,6 @@ import click
 
 import optolever as ol
 from optolever import InputError
-from optolever.schema import from_json
 
 from .questions import Question
 from .start_front import Draw, GoTo
@@ -201,6 +200,8 @@ class PageFront:
             if len(text) > _LONGEST:
                 return PlainTextResponse(f"answer: must be at most {_LONGEST} bytes", 413)
         try:
+            from optolever.schema import from_json  # NumPy
+
             answer = from_json(_Answer, text.decode("utf-8", "replace"), "answer")
         except InputError as error:
             return PlainTextResponse(str(error), 400)
