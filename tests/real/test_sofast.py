@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
 
 from optolever.cli import run
@@ -49,14 +50,21 @@ def screen(screen_file: Path) -> Correspondence:
     return Correspondence.load(screen_file)
 
 
+def off_the_rim(good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels (H, W) more than four from one that is not good."""
+    return np.asarray(scipy.ndimage.binary_erosion(good, np.ones((9, 9))))
+
+
 def test_screen_fractions(real: Path, rig: SofastRig, screen: Correspondence) -> None:
-    """SOFAST states the mean over a pixel; the centre differs by a share of the curvature."""
+    """SOFAST states the mean over a pixel; the centre differs by a share of the curvature, and along the rim,
+    where half a pixel is dark, by up to a part of a pixel, within five sigma."""
     x, y = expected(real, "CalculationDataGeometryFacet/v_screen_points_fractional_screens")
     use = screen.good[rig.mask]
     assert use.mean() > 0.97
+    inner = use & off_the_rim(screen.good)[rig.mask]
     error = np.stack([screen.u[rig.mask] / COLS - x, 1 - screen.v[rig.mask] / ROWS - y])
     sigma = np.stack([screen.sigma_u[rig.mask] / COLS, screen.sigma_v[rig.mask] / ROWS])
-    assert np.sqrt(np.mean(error[:, use] ** 2)) < 5e-5
+    assert np.sqrt(np.mean(error[:, inner] ** 2)) < 5e-5
     assert (np.abs(error) > 5 * sigma)[:, use].mean() < 1e-2
 
 
@@ -71,6 +79,7 @@ def test_heights_by_the_command_line(real: Path, rig: SofastRig, screen_file: Pa
     height, found = HeightMap.load(out), SlopeMap.load(slopes_file)
     use = rig.mask & height.good
     assert use.sum() > 0.97 * rig.mask.sum()
+    use &= off_the_rim(height.good)
     error = np.stack([found.slope_x, found.slope_y])[:, use]
     error -= expected(real, "SlopeSolverData/slopes_facet_xy")[:, use[rig.mask]]
     assert np.sqrt(np.mean(error**2)) < 5e-6
