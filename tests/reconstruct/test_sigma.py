@@ -72,7 +72,7 @@ def test_sigma_is_what_the_noise_of_all_pixels_adds_up_to(exact, preset: str, ki
     ratio = height.sigma / found
     inside = ratio[3:-3, 3:-3]
     assert rms_score(inside) == pytest.approx(1.0, abs=off)
-    assert np.nanmin(ratio) > 0.8
+    assert np.nanmin(ratio) > (0.8 if kind == "even" else 0.65)
 
 
 def test_sigma_grows_with_the_noise_and_with_the_anchors_own(exact, noisy) -> None:
