@@ -36,8 +36,8 @@ class Case:
     show: int = -6  # frame of the picture
 
 
-#: Frame that `lost` replaces.
-LOST = 3
+#: Frame that `dimmed` darkens.
+DIMMED = -2
 
 
 def spot(row: float, col: float, radius: float) -> NDArray[np.bool_]:
@@ -61,10 +61,10 @@ def hazy(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(110 + 0.05 * frames + noise)
 
 
-def lost(frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A coarse bit is lost, and the frame before it is there twice."""
+def dimmed(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """One step of a fringe has half of its light."""
     changed = frames.copy()
-    changed[LOST] = frames[LOST - 1]
+    changed[DIMMED] *= 0.5
     return changed
 
 
@@ -84,7 +84,7 @@ CASES = (
     Case(Flag.ORDER_DOUBTFUL, change=in_spot(hazy)),
     Case(Flag.OFF_PATTERN, dent="tilt:slope=0.1"),
     Case(Flag.OUTLIER, change=dust),
-    Case(Flag.WRONG_FRAME, code="gray:inverses=false", change=lost),
+    Case(Flag.WRONG_FRAME, change=in_spot(dimmed), show=DIMMED),
     Case(HeightFlag.CURL, dent="flat"),
     Case(HeightFlag.STEEP, dent="gaussian:peak=2,sigma=1"),
     Case(HeightFlag.NO_ANCHOR),
