@@ -8,7 +8,7 @@ it is the quadratic's through the clean pixels of 11 x 11, where this is no wors
 import cv2
 import numpy as np
 
-from optolever.kernels import F32, F64, I64, allocates, exact
+from optolever.kernels import F32, F64, I64, exact
 
 from .neighbours import Mask, Result
 
@@ -38,7 +38,6 @@ def beyond_rims(result: Result, amplitude: F32, reach: float) -> None:
 
 
 @exact
-@allocates
 def _moments(place: F32, sigma: F32, clean: Mask, at: I64) -> tuple[F64, F64, F64]:
     """Normal matrices (K, 6, 6) of the quadratics around pixels (K, 2), products (A, K, 6) with the places
     (A, H, W) less the pixel's, and the mean variances (A, K)."""

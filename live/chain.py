@@ -8,7 +8,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 
-from optolever.kernels import allocates, kernel
+from optolever.kernels import kernel
 
 from .arrays import Cells, Frame, Mask
 from .chord import Linearised, chord_step
@@ -227,7 +227,6 @@ def _anchored(rig: Rig, good: Mask) -> Mask:
 
 
 @kernel
-@allocates
 def _compressions(gradient, offset):  # type: ignore[no-untyped-def]
     """Jacobian of the map (R, C) over that at rest; 1 at the ends."""
     ratio, half = np.ones(offset.shape[1:], np.float32), _f4(0.5)

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from optolever.blocks import over_rows
-from optolever.kernels import allocates, inlined, kernel
+from optolever.kernels import inlined, kernel
 
 from .arrays import Cells, Frame, Pixels
 
@@ -195,7 +195,6 @@ def _here(line, rest, y, m, here):  # type: ignore[no-untyped-def]
 
 
 @kernel
-@allocates
 def _pictured(rest, planes, out, start, stop):  # type: ignore[no-untyped-def]
     """out (H, cell, C): the picture of a state, by columns of cells."""
     cell, cols = rest.shape[2], rest.shape[3]
@@ -211,7 +210,6 @@ def _pictured(rest, planes, out, start, stop):  # type: ignore[no-untyped-def]
 
 
 @kernel
-@allocates
 def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: ignore[no-untyped-def]
     """out (7, R, C): means over cells of r, r cos u, r sin u, r cos v, r sin v, of the pixels that count and
     of r^2; r = 0 in the others. One short loop each: with few arrays it becomes vector instructions."""
@@ -264,7 +262,6 @@ def _residuals(frame, rest, planes, ends, full, out, start, stop):  # type: igno
 
 
 @kernel
-@allocates
 def _updated(sums, before, after, start, stop):  # type: ignore[no-untyped-def]
     """after, before (5, R, C): State.planes."""
     cols = sums.shape[2]

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import allocates, exact
+from optolever.kernels import exact
 
 from .arrays import Cells, Mask
 
@@ -70,7 +70,6 @@ def _roughness(d: Cells, good: Mask) -> NDArray[np.uint8]:
 
 
 @exact
-@allocates
 def _flood(d, good, rough, row, col, reached):  # type: ignore[no-untyped-def]
     """Unwraps d in place from a cell, the smoothest first: one linked list per class of roughness."""
     rows, cols = d.shape

@@ -2,7 +2,7 @@
 
 A kernel assigns numbers, place by place: `a[:] = b` of two lines makes Numba compile the message that tells
 of shapes that differ, some 2 s. Its caller allocates the outputs: each kind of np.zeros is a function to
-compile, and needs `allocates`.
+compile.
 """
 
 import atexit
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from .processes import SAFE_PATH
 
 __all__ = [
-    "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "allocates", "are_compiled", "cache_folder",
+    "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "are_compiled", "cache_folder",
     "compiled_beside", "exact", "inlined", "kernel", "plain",
 ]  # fmt: skip
 
@@ -63,13 +63,6 @@ def inlined(function: Callable[..., T]) -> Callable[..., T]:
     return _compiled(function, fastmath=_REORDER, inline="always")
 
 
-def allocates(function: Callable[..., T]) -> Callable[..., T]:
-    """Mark, below one of these decorators, a loop that makes arrays. The others are compiled without counts
-    of references, in an eighth less time."""
-    vars(function)["allocates"] = True
-    return function
-
-
 def plain(array: NDArray[Any]) -> NDArray[Any]:
     """The array in C order and native bytes, as writable memory: for all else a kernel is compiled anew."""
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
@@ -90,7 +83,6 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
     try:
         options |= {"cache": folder is not None, "no_cfunc_wrapper": True}  # nobody calls them from C
-        options["_nrt"] = "allocates" in vars(function)
         made = numba.njit(nogil=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import allocates, exact, inlined
+from optolever.kernels import exact, inlined
 
 __all__ = ["ASKEW", "BLUR_FLOOR", "PARTS", "REACH", "SHARP_FLOOR", "look_up_one", "look_up_two"]
 
@@ -96,7 +96,6 @@ def _span(at: float, p: float, s: float, cells: int) -> tuple[int, int]:
 
 
 @exact
-@allocates
 def _shares(at: float, a: float, b: float, blur: float, cells: int) -> tuple[int, NDArray[np.float64]]:
     """First cell under the footprint, and the shares W_k from it on."""
     p, q, scale, s = _shape(a, b, blur)
@@ -111,7 +110,6 @@ def _shares(at: float, a: float, b: float, blur: float, cells: int) -> tuple[int
 
 
 @exact
-@allocates
 def look_up_one(
     look: NDArray[np.float64],
     light: NDArray[np.float64],
@@ -148,7 +146,6 @@ def look_up_one(
 
 
 @exact
-@allocates
 def look_up_two(
     look: NDArray[np.float64],
     light: NDArray[np.float64],

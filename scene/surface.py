@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from optolever import InputError
-from optolever.kernels import allocates, exact
+from optolever.kernels import exact
 
 from .record import Float, Record, freeze, number, positive
 from .scene import Scene
@@ -154,7 +154,6 @@ def _weights(t, w, s):  # type: ignore[no-untyped-def]
 
 
 @exact
-@allocates
 def _spline(c, x0, y0, dx, dy, x, y, z, zx, zy):  # type: ignore[no-untyped-def]
     rows, cols = c.shape[0] - 2, c.shape[1] - 2
     wx, wy, sx, sy = np.empty(4), np.empty(4), np.empty(4), np.empty(4)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, F64, I64, allocates, exact, inlined, kernel
+from optolever.kernels import F32, F64, I64, exact, inlined, kernel
 
 __all__ = ["COARSE", "PER_PX", "RIVALS", "Book", "match"]
 
@@ -82,7 +82,6 @@ def _walk(v: F32, weight: F64, z: F32, b: int, start: int, most: int = 16) -> _W
 
 
 @kernel
-@allocates
 def _scores(y: F32, used: F64, whole: bool, coarse: F32, score: F32) -> None:
     """Correlation of samples with all codewords (n, P) of unit length, over the samples in use."""
     for p in range(score.size):
@@ -131,7 +130,6 @@ def _highest(score: F32, place: I64, value: F64) -> int:
 
 
 @exact
-@allocates
 def _compared(
     v: F32, used: F64, count: int, book: Book, places: I64, noise: float, first: _Walk
 ) -> tuple[_Walk, float]:
@@ -176,7 +174,6 @@ def _rivals(fit: _Walk, sums: _Sums, apart: F32, noise: float) -> int:
 
 
 @exact
-@allocates
 def _searched(
     v: F32, y: F32, used: F64, sums: _Sums, book: Book, guess: int, limit: float, noise: float
 ) -> tuple[_Walk, float]:
@@ -267,7 +264,6 @@ def _guess(place: float, slope: float) -> int:
 
 
 @exact
-@allocates
 def match(
     samples: F32,
     block: I64,

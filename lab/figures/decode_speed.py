@@ -19,7 +19,7 @@ from optolever.decode import Decoder, decode, estimate_profile
 from optolever.experiments.arrays import Floats
 from optolever.experiments.metrics import rms
 from optolever.experiments.timing import timed
-from optolever.kernels import allocates, kernel
+from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
@@ -124,7 +124,6 @@ def _minima(*calls: Callable[[], Any]) -> list[float]:
 
 
 @kernel
-@allocates
 def _touch(start: int, stop: int, frames: Any, maps: Any, flags: Any) -> None:
     """Read every frame, write outputs of the same size."""
     cols = frames.shape[2]

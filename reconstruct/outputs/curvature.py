@@ -14,7 +14,7 @@ import numpy as np
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import save_arrays
-from optolever.kernels import allocates, exact
+from optolever.kernels import exact
 from optolever.records import Comparable
 from optolever.schema import load_record
 
@@ -71,7 +71,6 @@ def curvature_map(slopes: SlopeMap, reach: int = 2) -> CurvatureMap:
 
 
 @exact
-@allocates
 def _fit(x, y, p, q, sigma_p, sigma_q, good, reach, out, start, stop):  # type: ignore[no-untyped-def]
     rows, cols = x.shape
     for i in range(start, stop):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import save_arrays
-from optolever.kernels import allocates, exact
+from optolever.kernels import exact
 from optolever.maps import REGULAR, chosen
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.schema import load_record
@@ -126,7 +126,6 @@ def resample(
 
 
 @exact
-@allocates
 def gradients(x, y, z, good):  # type: ignore[no-untyped-def]
     """dz/dx, dz/dy (2, H, W) from the good pixels along both image axes; NaN where an axis has none."""
     rows, cols = z.shape
@@ -167,7 +166,6 @@ def _inside(good, i, j):  # type: ignore[no-untyped-def]
 
 
 @exact
-@allocates
 def _raster(x, y, z, sigma, good, gradient, lean, z_out, sigma_out):  # type: ignore[no-untyped-def]
     """Fill every triangle of good pixels; x, y in grid steps, gradient and lean per grid step."""
     everywhere = lean.shape[1] == 1 and lean.shape[2] == 1

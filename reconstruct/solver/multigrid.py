@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optolever.blocks import over_image
-from optolever.kernels import F32, ONE, ZERO, allocates, exact, inlined
+from optolever.kernels import F32, ONE, ZERO, exact, inlined
 
 from ..arrays import Floats
 
@@ -192,7 +192,6 @@ def _restricted(level: _Level, x: F32, rhs: F32) -> F32:
 
 
 @exact
-@allocates
 def _sweep(w, nine, inverse, x, rhs, parity, forward, start, stop):  # type: ignore[no-untyped-def]
     """Row by row: what does not depend on the pixel before at once, then x of one after the other."""
     cols = rhs.shape[1]
@@ -284,7 +283,6 @@ def _pairs(w, a, b, out):  # type: ignore[no-untyped-def]
 
 
 @exact
-@allocates
 def _galerkin(w, across, along, corners, coarse, below, start, stop):  # type: ignore[no-untyped-def]
     """Coarse couplings, cell by cell: a cell owns the fine edges that begin in its first two rows and
     columns, all of which end within its four corners' reach. below: of the cell's lower side.
