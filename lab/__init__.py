@@ -28,7 +28,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
 | `judgements/` | false alarms and misses of every test |
-| - `record.py`, `tables.py`, `parts.py` | a row; tables; the parts that have rows |
+| - `record.py` | a row, and tables of rows |
 | - `decode.py`, `captures.py`, `faults.py` | drawn captures; their faults, which tests name them |
 | - `heights.py`, `live.py` | captures of right and wrong rigs, which tests name them |
 """

@@ -141,7 +141,7 @@ def _runs(kind: str, typed: Scene, seed: int, rng: Rng, times: float) -> Iterato
     )
     rest, press = _surfaces(typed, times * 0.01 / np.sqrt(3) * np.array(drawn.sag), rng)
     seen = {}
-    for name, surface, rig in (("rest", rest, true), ("press", press, _moved(true, drawn.motion, rng))):
+    for name, surface, rig in (("rest", rest, true), ("press", press, moved(true, drawn.motion, rng))):
         seen[name] = _captured(rig, surface, times * drawn.glass, times * 0.05 * drawn.stripes, rng)
     (flat, at_rest), (truth, pressed) = seen["rest"], seen["press"]
     for against in (False, True):
@@ -185,16 +185,16 @@ def _surfaces(scene: Scene, sag: Floats, rng: Rng) -> tuple[Surface, Surface]:
     return shape_surface(bent), dented(bent, x, y, depth, size)
 
 
-def _moved(scene: Scene, motion: float, rng: Rng) -> Scene:
+def moved(scene: Scene, motion: float, rng: Rng) -> Scene:
     """The rig moved between two captures: 1 um and 5 arcsec per number, times `motion`."""
     if not motion:
         return scene
-    own, moved = parameter_values(scene), {}
+    own, values = parameter_values(scene), {}
     for part in ("camera", "pattern"):
         for name in _POSES:
             size = np.radians(5 / 3600) if name.startswith("r") else 1e-3
-            moved[f"{part}.{name}"] = own[f"{part}.{name}"] + motion * size * rng.standard_normal()
-    return adjusted(scene, moved)
+            values[f"{part}.{name}"] = own[f"{part}.{name}"] + motion * size * rng.standard_normal()
+    return adjusted(scene, values)
 
 
 def _captured(

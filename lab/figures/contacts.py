@@ -18,6 +18,7 @@ from optolever.reconstruct import Contact, HeightMap, contacts, exact_correspond
 from optolever.scene import (
     Scene,
     Surface,
+    Trace,
     adjusted,
     dent,
     load,
@@ -138,9 +139,9 @@ def press(scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest
     true = changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root)
     truth = _moved(true, *(_GAUGE * rng.standard_normal(3)))
     noise = float(rng.uniform(0.01, 0.02))
-    rest = captured(truth, dent("flat", scene), noise, rng) if at_rest else None
-    seen = captured(truth, surface_of(fingers, scene), noise, rng)
-    return reconstruct(seen, scene, rest=rest)
+    rest = captured(truth, dent("flat", scene), noise, rng)[0] if at_rest else None
+    places, _ = captured(truth, surface_of(fingers, scene), noise, rng)
+    return reconstruct(places, scene, rest=rest)
 
 
 def changed(scene: Scene, change: Floats) -> Scene:
@@ -198,11 +199,14 @@ def _moved(scene: Scene, along: float, across: float, turn: float) -> Scene:
     )
 
 
-def captured(scene: Scene, surface: Surface, noise: float, rng: np.random.Generator) -> Correspondence:
-    """Where the pixels look, with noise."""
-    exact = exact_correspondence(trace(scene, surface), noise)
+def captured(
+    scene: Scene, surface: Surface, noise: float, rng: np.random.Generator
+) -> tuple[Correspondence, Trace]:
+    """Where the pixels look, with noise, and where they do."""
+    truth = trace(scene, surface)
+    exact = exact_correspondence(truth, noise)
     u, v = (part + noise * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
-    return replace(exact, u=u, v=v)
+    return replace(exact, u=u, v=v), truth
 
 
 def _punch(scene: Scene, finger: Finger) -> Surface:

@@ -11,7 +11,7 @@ import numpy as np
 
 from optolever.errors import InputError
 from optolever.reconstruct import Contact, contacts, reconstruct
-from optolever.scene import Layer, Scene, dent, load, resize, rig_covariance, trace
+from optolever.scene import Layer, Scene, dent, load, resize, rig_covariance
 
 from . import pressed
 from .contacts import captured, changed
@@ -53,13 +53,14 @@ def elastic_figures(kind: str, rigs: int, seed: int = 0, drawn: bool = False) ->
         error = rng.standard_normal(len(covariance.root)) @ covariance.root
         true = changed(scene, error * drawn)
         surface = pressed.surface_of(dents)
-        rest, seen = (captured(true, one, _PHOTONS, rng) for one in (dent("flat", scene), surface))
-        traced, flags = trace(true, surface), seen.flags.copy()
+        rest, _ = captured(true, dent("flat", scene), _PHOTONS, rng)
+        places, traced = captured(true, surface, _PHOTONS, rng)
+        flags = places.flags.copy()
         for each, x, y in dents[: len(dents) * dark]:
             flags[np.hypot(traced.x - x, traced.y - y) < each.radius] |= 1
         known = replace(scene if drawn else true, layer=layer)
         try:
-            found = contacts(reconstruct(replace(seen, flags=flags), known, rest=rest), layer)
+            found = contacts(reconstruct(replace(places, flags=flags), known, rest=rest), layer)
         except InputError:  # the anchor is not in view
             continue
         one, x, y = dents[0]

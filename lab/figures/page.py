@@ -16,7 +16,7 @@ from optolever.processes import environment
 from optolever.records import Progress, silent
 from optolever.scene import load, resize
 
-from ..judgements.tables import section
+from ..judgements.record import section
 from ..live.figures import LiveRow, live_rows
 from .batch import batch_figures
 from .decode_speed import profile_figures, run_decode_figures
@@ -39,7 +39,7 @@ _INTRODUCTION = """Written by `python -m lab figures --page` on {day} at commit 
 Simulated, geometry known; real captures are among the tests (`tests/real`). Times are processor times of one
 thread, minima; of many captures wall-clock time. Each table stands under the command that prints it."""
 _OTHERS = """`python -m lab calibration`, `rigs` and `contacts` measure what calibrations, typed rigs and
-contacts are worth, `lab live --streams` and `--vibration` streams of eleven kinds and small vibrations, `lab
+contacts are worth, `lab live --streams` and `--vibration` streams of all kinds and small vibrations, `lab
 sync` displays and cameras in simulated time, `lab fuzz` damaged inputs, for minutes or hours."""
 
 

@@ -2,9 +2,7 @@
 
 | file | holds |
 |---|---|
-| `record.py` | a row |
-| `parts.py` | the parts that have rows |
+| `record.py` | a row, and tables of rows |
 | `decode.py`, `captures.py`, `faults.py` | tests of captures: drawn ones; faults of frames and descriptions |
 | `heights.py`, `live.py` | captures of right and wrong rigs, and which tests name them |
-| `tables.py` | rows as tables |
 """

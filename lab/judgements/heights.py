@@ -15,22 +15,13 @@ from numpy.typing import NDArray
 
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.reconstruct import exact_correspondence, reconstruct
-from optolever.scene import (
-    Scene,
-    Surface,
-    TelecentricCamera,
-    adjusted,
-    load,
-    parameter_values,
-    resize,
-    rig_covariance,
-    trace,
-)
+from optolever.reconstruct import reconstruct
+from optolever.scene import Scene, Surface, TelecentricCamera, load, resize, rig_covariance
 
-from ..calibration.rigs import shape_surface
 from ..calibration.typed import KINDS as TYPED
-from ..calibration.typed import typed_runs
+from ..calibration.typed import moved, typed_runs
+from ..figures import pressed
+from ..figures.contacts import captured, changed
 from .record import Row
 
 __all__ = ["rows"]
@@ -137,42 +128,18 @@ def _rigs(seed: int, rng: Rng) -> _Rigs:
     covariance = rig_covariance(scene)
     if covariance is None:
         return _Rigs(scene, scene)
-    own, change = parameter_values(scene), rng.standard_normal(len(covariance.root)) @ covariance.root
-    values = {name: own[name] + by for name, by in zip(covariance.names, change, strict=True)}
-    return _Rigs(scene, replace(adjusted(scene, values), covariance=None, accuracy=None))
+    return _Rigs(scene, changed(scene, rng.standard_normal(len(covariance.root)) @ covariance.root))
 
 
 def _captured(scene: Scene, surface: Surface, rng: Rng) -> tuple[Correspondence, Floats]:
-    seen = trace(scene, surface)
-    exact = exact_correspondence(seen, _NOISE)
-    u, v = (part + _NOISE * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
-    return replace(exact, u=u, v=v), np.where(seen.visible, seen.z, np.nan)
+    places, seen = captured(scene, surface, _NOISE, rng)
+    return places, np.where(seen.visible, seen.z, np.nan)
 
 
 def _ball(depth: float, x: float = 30.0, y: float = 22.0, radius: float = 4.0, sunk: float = 0.0) -> Surface:
-    """Hertz's contact of a ball on a half-space (K. L. Johnson, Contact Mechanics, 1985, eq. 3.42), mm; sunk:
-    of the whole mirror."""
-
-    def height(a: Floats, b: Floats) -> Floats:
-        square = ((a - x) ** 2 + (b - y) ** 2) / radius**2
-        q = np.sqrt(np.where(square.real > 1, square, 1.0))
-        outside = ((2 - q**2) * np.arcsin(1 / q) + np.sqrt(q**2 - 1 + 1e-15)) / np.pi
-        return np.asarray(sunk + depth * np.where(square.real > 1, outside, 1 - square / 2))
-
-    return shape_surface(height)
-
-
-def _punch(depth: float, x: float = 30.0, y: float = 22.0, radius: float = 4.0) -> Surface:
-    """A flat rigid punch on a half-space (Johnson, eq. 3.38): depth inside, 2 / pi asin(a / r) outside."""
-
-    def height(a: Floats, b: Floats) -> Floats:
-        square = ((a - x) ** 2 + (b - y) ** 2) / radius**2
-        q = np.sqrt(np.where(square.real > 1, square, 1.0))
-        return np.asarray(
-            depth * np.where(square.real > 1, 2 / np.pi * np.arcsin(1 / (q + 1e-9)), 1.0 + 0 * a)
-        )
-
-    return shape_surface(height)
+    """A ball's contact, mm; sunk: of the whole mirror."""
+    even = pressed.Dent(lambda r: np.full_like(r, sunk), sunk, radius, math.nan)
+    return pressed.surface_of([(pressed.ball(radius, depth), x, y), (even, x, y)])
 
 
 def _drawn_ball(rng: Rng) -> Surface:
@@ -180,17 +147,8 @@ def _drawn_ball(rng: Rng) -> Surface:
 
 
 def _drawn_punch(rng: Rng) -> Surface:
-    return _punch(rng.uniform(0.02, 0.06), rng.uniform(24, 36), rng.uniform(16, 28), rng.uniform(3, 5))
-
-
-def _moved(scene: Scene, rng: Rng, micrometres: float = 1.0) -> Scene:
-    """Camera and pattern moved by so much and by five arc seconds a micrometre."""
-    own, moved = parameter_values(scene), {}
-    for part in ("camera", "pattern"):
-        for name in ("x", "y", "z", "rx", "ry", "rz"):
-            size = np.radians(5 / 3600) if name.startswith("r") else 1e-3
-            moved[f"{part}.{name}"] = own[f"{part}.{name}"] + micrometres * size * rng.standard_normal()
-    return adjusted(scene, moved)
+    depth, x, y, radius = rng.uniform((0.02, 24, 16, 3), (0.06, 36, 28, 5)).tolist()
+    return pressed.surface_of([(pressed.flat_punch(radius, depth), x, y)])
 
 
 def _shifted(scene: Scene, pixels: float) -> Scene:
@@ -239,8 +197,10 @@ RIGHT: dict[str, _Make] = {
     "ball": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng),
     "punch": lambda rigs, rng: rigs.case(_drawn_punch(rng), rng),
     "ball, alone": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng, alone=True),
-    "ball, moved by the prior": lambda rigs, rng: rigs.case(_drawn_ball(rng), rng, _moved(rigs.true, rng)),
-    "untouched, moved by the prior": lambda rigs, rng: rigs.case(_ball(0.0), rng, _moved(rigs.true, rng)),
+    "ball, moved by the prior": lambda rigs, rng: rigs.case(
+        _drawn_ball(rng), rng, moved(rigs.true, 1.0, rng)
+    ),
+    "untouched, moved by the prior": lambda rigs, rng: rigs.case(_ball(0.0), rng, moved(rigs.true, 1.0, rng)),
 }
 
 

@@ -1,8 +1,16 @@
-"""One line of the judgements: a test of the program on captures of one kind."""
+"""A test of the program on captures of one kind, and its tables: of every test its limit and false alarms, of
+every kind of fault the misses; the section of docs/benchmarks.md."""
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-__all__ = ["Row"]
+__all__ = ["FALSE_HEADS", "MISSED_HEADS", "Row", "false_alarms", "misses", "section", "with_section"]
+
+FALSE_HEADS = ("part", "test", "limit", "right captures", "false alarms", "of kind")
+MISSED_HEADS = ("part", "fault", "named by", "wrong captures", "missed")
+_TITLE = "## Judgements"
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,3 +28,49 @@ class Row:
     false_alarms: int
     wrong: int
     missed: int
+
+
+def false_alarms(rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Cells of every test: its limit, right captures, false alarms and their kinds."""
+    tests: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        tests.setdefault((row.part, row.test), []).append(row)
+    lines = []
+    for (part, test), some in tests.items():
+        if not any(row.right for row in some):
+            continue
+        kinds = ", ".join(row.kind for row in some if row.false_alarms)
+        counts = (str(sum(getattr(row, name) for row in some)) for name in ("right", "false_alarms"))
+        lines.append((part, test, _limit(some), *counts, kinds))
+    return lines
+
+
+def misses(rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Cells of every kind of fault: the tests that name it, wrong captures and the missed ones; of right
+    kinds where some results are wrong, too."""
+    shown = (row for row in rows if row.wrong or (row.test != "any" and not row.right))
+    return [(row.part, row.kind, row.test, str(row.wrong), str(row.missed)) for row in shown]
+
+
+def _limit(some: Sequence[Row]) -> str:
+    known = sorted({row.limit for row in some if math.isfinite(row.limit)})
+    return "" if not known else f"{known[0]:.3g}" if len(known) == 1 else f"{known[0]:.3g} to {known[-1]:.3g}"
+
+
+def with_section(page: Path, rows: Sequence[Row], command: str) -> None:
+    """Write the tables into a page in place of its section, at its end where it has none."""
+    lines = [_TITLE, "", f"`{command}`: tests of captures and results, on right and on wrong ones.", ""]
+    tables = ((FALSE_HEADS, false_alarms(rows)), (MISSED_HEADS, misses(rows)))
+    for heads, cells in tables:
+        lines += [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines += [*(f"| {' | '.join(line)} |" for line in cells), ""]
+    before, _, after = section(page)
+    text = f"{before.rstrip()}\n\n" + "\n".join(lines) + (f"\n{after}" if after else "")
+    page.write_text(text, "utf-8")
+
+
+def section(page: Path) -> tuple[str, str, str]:
+    """What stands before the section of a page, the section and what follows it."""
+    before, title, rest = page.read_text("utf-8").partition(f"{_TITLE}\n")
+    inside, following, after = rest.partition("\n## ")
+    return before, title + inside, following[1:] + after

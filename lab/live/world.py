@@ -13,15 +13,15 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import scipy.special
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import gaussian_filter
 
 from optolever.blocks import over_rows
 from optolever.kernels import exact, inlined
 from optolever.patterns import Sequence
 from optolever.scene import Scene
+
+from ..figures.pressed import on_layer
 
 Float = NDArray[np.float64]
 GAUSS, BALL, PUNCH, LAYERED = 0, 1, 2, 3
@@ -113,18 +113,10 @@ def photons(light: NDArray[np.float32], rng: np.random.Generator, electrons: flo
 
 @cache
 def _on_layer() -> Float:
-    """Deflection (n, 2) and its slope by the distance in radii, 1 in the middle: the pressure of Hertz on an
-    incompressible layer bonded to a base, by its transform (see `contact.pressure`: S(q))."""
-    k = np.linspace(1e-5, 60, 40000)
-    q = np.minimum(_THICK * k, 30)
-    layer = (2 * np.sinh(2 * q) - 4 * q) / (2 * np.cosh(2 * q) + 2 + 4 * q * q)
-    weight = (np.sin(k) - k * np.cos(k)) / k**3 * layer
-    r = np.arange(0, _NEAREST + 0.1, 0.05)
-    z = np.array([weight @ scipy.special.j0(k * one) for one in r])
-    slope = -np.array([(weight * k) @ scipy.special.j1(k * one) for one in r])
-    between = CubicHermiteSpline(r, z / z[0], slope / z[0])
-    fine = np.arange(0, _NEAREST, _STEP)
-    return np.stack([between(fine), between(fine, 1)], axis=1)
+    """Deflection (n, 2) and its slope by the distance in radii, 1 in the middle."""
+    one = on_layer(1.0, 1.0, _THICK, 0.5)
+    table, r = one.table(), np.arange(0, _NEAREST, _STEP)
+    return np.stack([table(r), table(r, 1)], axis=1) / one.depth
 
 
 @inlined

@@ -1,12 +1,11 @@
-"""`python -m lab judgements`: what it counts, and the section that it writes."""
+"""`python -m lab judgements`: its counts, and its section of the page."""
 
 from pathlib import Path
 
 import pytest
 
 from lab.judgements import heights
-from lab.judgements.record import Row
-from lab.judgements.tables import false_alarms, misses, with_section
+from lab.judgements.record import Row, false_alarms, misses, with_section
 
 ROWS = [
     Row("heights", "moved", "ball", 0.1, 5, 0, 0, 0),
