@@ -143,6 +143,7 @@ def command(
     table(f"Correspondence in {out}", figures | flag_rows(numbers["flags"]) | {"time": number(seconds, "s")})
     if not good:
         said = any("lit pixels are good" in notice.name for notice in found)
+        said |= any(one.fails for one in result.tests)
         shown = "{2}x{1} pixels".format(*capture.sequence.shape)
         cause = f"; most likely the display had not {shown} or showed another sequence or order"
         cure = "correct --pixels, --sequence or capture.toml"
@@ -191,7 +192,7 @@ def read_capture(
     channel: str,
     left_out: str | None,
 ) -> "ol.projector.Capture":
-    """Pictures of any source; left_out: numbers of those that are not used."""
+    """Pictures of any source; left_out: numbers of the unused ones."""
     capture = _read(sources, text, display, description, channel)
     if left_out is None:
         return capture

@@ -13,15 +13,14 @@ from .arguments import Arg, Opt, program
 from .decode import CHANNEL, DESCRIPTION, ROI, WITHOUT, mask_of, read_capture
 from .options import Display, Json, Pictured, blame, load_scene, mask_file
 from .outputs import OutputFile
-from .show import number, print_notices, progress, table, write_json
+from .show import grid, number, print_notices, progress, write_json
 
 SAMPLE = """
 $ optolever explain pictures --sequence gray --pixels 1024x768 --out right.toml
 Mistakes that explain the pictures
-  1           picture 0 is one too many, or every picture shows the image before
-  explains    98 %
-  2           frame 1 is there twice, later ones are one late
-  explains    95 %
+   explains  pictures numbered from 0
+1  98 %      picture 0 is one too many, or every picture shows the image before
+2  95 %      frame 1 is there twice, later ones are one late
 Description of 1 in right.toml
 """
 
@@ -69,12 +68,11 @@ def command(
     if not mistakes:
         click.echo("No known mistake explains the pictures better than their description.")
         return 0
-    rows = dict[str, str]()
-    for k, one in enumerate(mistakes, 1):
-        cure = "" if one.sequence is not None else "; capture again"
-        rows[str(k)] = one.name + cure
-        rows[" " * k + "explains"] = number(100 * one.share, "%")
-    table("Mistakes that explain the pictures", rows)
+    rows = [
+        [str(k), number(100 * one.share, "%"), one.name + ("" if one.sequence else "; capture again")]
+        for k, one in enumerate(mistakes, 1)
+    ]
+    grid("Mistakes that explain the pictures", ("", "explains", "pictures numbered from 0"), rows)
     if out is not None:
         _write(out, mistakes, take, sources, description, len(capture))
     return 0

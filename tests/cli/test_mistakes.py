@@ -171,7 +171,8 @@ def test_no_good_pixel_and_no_command(optolever: Program, chain: Chain, tmp_path
     Sequence(shown.frames[::-1], 70, 90).save(tmp_path / "turned.toml")
     args = ("--description", tmp_path / "turned.toml", "--out", tmp_path / "c.npz")
     said = optolever("decode", chain.capture / "frames", *args, code=2)
-    assert "no pixel is good; most likely the display had not 90x70 pixels" in said.err
+    assert "optolever explain names the likeliest mistake" in said.err
+    assert said.err.endswith("no pixel is good\n")
     assert "nan" not in said.out
     assert not Correspondence.load(tmp_path / "c.npz").good.any()
     assert "Commands:" in optolever().out
