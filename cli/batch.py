@@ -246,11 +246,11 @@ class Batch:
         return made | ({"save_profile": f".{name}.profile.npz"} if "save_profile" in self.given else {})
 
     def hidden(self, name: str) -> Path:
-        """Folder where results have temporary names: those that they get, below it."""
+        """Folder of a capture's unfinished results, under their final names."""
         return self.out / f".{self.token}.{name}"
 
     def rows(self, run: Run) -> Iterator[Row]:
-        """Of every capture, as it ends; a capture whose results are those of its row is not run."""
+        """Of every capture, as it ends; a capture whose results agree with its row is not run."""
         if "save_profile" not in self.given or self.given["profile"] is not None:
             yield from self._of(run, list(self.captures), None, {})
             return

@@ -31,8 +31,8 @@ def command(
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
     .sdf (ISO 25178), .dat (Zygo MetroPro), .wft (DFTFringe, of a disc), .csv and .npy of a regular grid. Good
-    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid. Of several
-    files those are written that can be; the others are named.
+    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid. A file
+    whose format cannot hold the heights is named, and the others are written.
     """
     height = ol.metrology.load_measured(source)
     with ol.files.together(), blame(source):

@@ -227,7 +227,7 @@ def _residual(
     waves: float | None,
     shape: "_Shape",
 ) -> None:
-    """Heights, PV, slope errors and the wavefront of what the form leaves."""
+    """Heights, PV, slope errors and the wavefront of the residual."""
     less = quantity(fit.rms_less_noise, "mm", fit.less_noise_sigma, fit.rms)
     less = f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""
     x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))

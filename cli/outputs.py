@@ -67,7 +67,7 @@ class NewFolder(click.Path):
 
 
 class ReportFolder(click.Path):
-    """A folder to write into, created if absent, and its files; full: those of --full, too."""
+    """A folder to write into, created if absent, and its files; full: further ones of --full."""
 
     def __init__(self, *files: str, full: Sequence[str] = ()) -> None:
         super().__init__(path_type=Path)
@@ -82,8 +82,8 @@ class ReportFolder(click.Path):
 
 @dataclass(frozen=True)
 class Output:
-    """A file or a folder that a command writes. made: whether an earlier run made what lies there, of one
-    that no option names; updates: it keeps what it holds."""
+    """A file or a folder that a command writes. made: whether an earlier run made the file that lies
+    there, of one that no option names; updates: a file that is there keeps its other content."""
 
     path: Path
     made: Callable[[Path], bool] | None = None

@@ -101,7 +101,7 @@ def workers(jobs: int, scheduler: str | None, modules: Sequence[str]) -> Iterato
 
 
 def _outcomes(pool: Executor, tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """Those of tasks whose pool has not ended with a killed process."""
+    """Of tasks whose pool has not ended with a killed process."""
     names = dict[Future[Outcome], str]()
     with suppress(BrokenExecutor):
         try:

@@ -36,9 +36,9 @@ __all__ = ["ElasticFit", "elastic_fits"]
 
 _MOST, _FEWEST = 3000, 40  # cells of a fit
 _CLEAR = 0.9  # share of a contact's cells that are measured, where a thickness is said
-_INDEPENDENT, _MISFIT = 36.0, 9.0  # samples of the map's noise, of what is left beyond it
+_INDEPENDENT, _MISFIT = 36.0, 9.0  # independent samples of the map's noise, of its further residual
 _NEAR, _REACH = 1.3, 8.0  # radii of a contact: where a flank begins, and ends
-_WIDER = 1.6  # resolutions: what a map smooths looks wider than it is up to there
+_WIDER = 1.6  # resolutions: up to there a map smooths a contact to a wider one
 _POWER, _POWERS = (0.5, 0.8), (-0.5, 2.0)  # m: mean and sigma; least and most
 _PLACE, _CUT, _SIZE = 0.5, 1.0, 0.4  # sigmas: of a place, radii, of a cut contact's; of log a
 _FREE = 1e3  # sigma of a force over E*, mm^2
@@ -179,7 +179,7 @@ def _refused(fit: ElasticFit) -> bool:
 
 
 def _discs(regions: Sequence[Region], single: bool) -> _Discs:
-    """Of contacts; single: those that are cut have one."""
+    """Of contacts; single: a cut one has one."""
     parts = [((one.x, one.y, one.radius),) if single and one.cut else one.circles for one in regions]
     x, y, _ = np.array([disc for part in parts for disc in part], np.float64).reshape(-1, 3).T
     owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
@@ -263,7 +263,7 @@ def _inside(surface: Surface) -> Callable[[float, float], bool]:
 def _solved(
     cells: _Cells, discs: _Discs, base: _Base, search: bool, start: Floats, mean: Floats, sigma: Floats
 ) -> _Solved:
-    """Gauss-Newton steps; `unit`: what a cell's residual, one of so few independent ones, counts for."""
+    """Gauss-Newton steps; `unit`: standard deviation of a cell's residual, of so few independent ones."""
     count, terms, unit = discs.size.size, start.copy(), 1.0
     shapes, own = slice(0, 4 * count), slice(4 * count + discs.x.size, start.size - search)
     leaps = np.stack([discs.size, discs.size, np.ones(count), np.ones(count)], axis=1).ravel()

@@ -10,8 +10,8 @@ therefore
 squares over the good cells outside two radii of every contact, weighted by area and noise, a = 0 +- 1. With
 weights that sum to one the covariance is (rho / 3)^2 (A^T W A)^-1, rho the rms residual. Where dents fade, as
 on a layer of unknown thickness, powers of q and exponentials take the place of the sum, and c is 0 +- 2.5
-noises, 6 where the rig may move, and what the dents reach at the anchors. Both count by their likelihood:
-what this does not decide is in sigma.
+noises, 6 where the rig may move, and the height of the dents at the anchors. Both models count by their
+likelihood: an undecided choice is in sigma.
 """
 
 import math
@@ -88,7 +88,7 @@ class _Outside(NamedTuple):
 
 class Fit(NamedTuple):
     """Of fields (t, n) in observations (k, n): found (t, k): amplitudes; inverse (t, t): covariance at unit
-    noise; rho: norm of what the first observation leaves."""
+    noise; rho: norm of the first observation's residual."""
 
     found: Floats
     inverse: Floats
@@ -96,8 +96,8 @@ class Fit(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """A fit of `fields` in number, motion and the free mode (t, n); unit: standard deviation of what a cell
-    says; prior (t,): over the amplitudes' standard deviations."""
+    """A fit of `fields` in number, motion and the free mode (t, n); unit: standard deviation of a cell's
+    height; prior (t,): over the amplitudes' standard deviations."""
 
     fit: Fit
     every: Floats
@@ -219,8 +219,8 @@ def _robust(cells: _Cells) -> LoadFit:
 
 
 def _explained(cells: _Cells, circles: Sequence[Circle], layer: Layer | None, solid: bool) -> LoadFit | None:
-    """The mean of a load on the half-space or layer and of a dent that fades, by their odds; where both miss
-    what is there, contacts of any round far field."""
+    """The mean of a load on the half-space or layer and of a dent that fades, by their odds; where neither
+    fits, contacts of any round far field."""
     outside = _outside(cells, circles)
     if outside is None:
         return None

@@ -12,14 +12,14 @@
 | `pixels`     | levels of one pixel -> place, variance, amplitude, residual, flags; row by row           |
 | `neighbours` | pixels against their neighbours: aperture, rims, jumps, roughness                        |
 | `rims`       | places beside unlit pixels, behind a lens                                                |
-| `diagnosis/` | whether the frames are those described; why not, when asked                              |
+| `diagnosis/` | tests of frames against their description; likely mistakes, when asked                   |
 | `codes/`     | fringes, bits, orders, look-ups                                                          |
 | `effects/`   | lag, motion, shared noise: one interface                                                 |
 
 u along the pattern's columns, v along its rows, integer = pixel centre; sigma in pattern pixels, at least
 0.001 where the frames have no noise. An axis without frames is NaN with sigma inf and raises no flag.
-A pixel's answer depends on its samples, its neighbourhood of 7 x 7 (beside unlit pixels of those of
-11 x 11) and the camera's noise.
+A pixel's answer depends on its samples, its neighbourhood of 7 x 7 (11 x 11 beside unlit
+pixels) and the camera's noise.
 """
 
 from .capture import compile_neighbours

@@ -102,7 +102,7 @@ def estimated(
 
 
 def applied(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> Correspondence:
-    """Decode all pixels by a prepared decoder, and test whether the frames are those described."""
+    """Decode all pixels by a prepared decoder, and test whether the frames agree with their description."""
     return _refused(*_tested(light, sequence, ready, mask))
 
 
@@ -498,8 +498,8 @@ def _mapped(light: Light, ready: Prepared, mask: Mask) -> tuple[Correspondence, 
 
 
 def compile_neighbours() -> None:
-    """Compile the kernels of neighbours, which are the same for all frames: while another process compiles
-    those of pixels."""
+    """Compile the kernels of neighbours, which are the same for all frames, while another process compiles
+    the pixels'."""
     nothing = np.zeros((1, 1, 8), np.float32)
     limits, result = np.ones((1, 6), np.float32), Result(nothing, nothing, np.zeros((1, 8), np.uint16))
     neighbours(_block(1, 2 * HALO + 1, 8), (0, 2 * HALO + 1), 1, limits, 0, result)

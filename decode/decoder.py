@@ -79,7 +79,7 @@ def estimate_profile(
     found = decoder.decode(frames, mask=mask)
     if decoder.profile is None:
         raise InputError(
-            f"profile: {found.notices[-1]}; estimate it from a capture whose frames are those described"
+            f"profile: {found.notices[-1]}; estimate it from a capture that agrees with its description"
         )
     return decoder.profile
 

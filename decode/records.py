@@ -71,7 +71,7 @@ class Correspondence(Comparable):
     order_error        probability that a fringe order or code bit is wrong
     notices            warnings about the whole capture
     shared_noise       noise that pixels have in common; None: unknown
-    tests              whether the frames are those described: figures and limits
+    tests              agreement of the frames with their description: figures, limits
     """
 
     u: Map

@@ -82,7 +82,7 @@ def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float
         names = [*study.given.saved, *made, "figures.csv"]
         files = {name: text for name, text in FILES.items() if name in names}
         write_page(path, "measurement.html", seconds(), context | {"files": files})
-        for name in (*made, Path(path).name):  # what a later page of this folder may replace
+        for name in (*made, Path(path).name):  # a later page of this folder may replace them
             for unit, number in zip(("bytes", "ns"), stamps(latest(folder / name))[""], strict=True):
                 figures.rows[f"{name}, {unit}"] = number, math.nan, unit
         figures.save(folder / "figures.csv")

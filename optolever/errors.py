@@ -32,8 +32,8 @@ def require_file(path: str | Path) -> None:
 
 
 def damage_of(error: BaseException) -> str:
-    """What is wrong with a file, in words about files: exceptions of Python and of libraries are about their
-    own variables."""
+    """The fault of a file, in words about files: exceptions of Python and of libraries are about their
+    variables."""
     if isinstance(error, UnicodeDecodeError):
         return f"byte {error.object[error.start]:#04x} at {error.start} is no {error.encoding.upper()}"
     if isinstance(error, KeyError) and " " not in str(error.args[0]):

@@ -157,8 +157,8 @@ def atomic_folder(path: str | Path) -> AbstractContextManager[Path]:
 
 
 def growing_file(path: str | Path, mode: str = "w") -> IO[Any]:
-    """A file, open, that grows as its content comes: what is killed leaves what was flushed. InputError where
-    it cannot be opened."""
+    """A file, open, that grows as its content comes: a killed process leaves the flushed part. InputError
+    where it cannot be opened."""
     require_writable(path)
     if Path(path).is_file():  # as a new file: other names of the old one, hard links, keep its content
         with atomic_file(path):
@@ -201,7 +201,7 @@ def put(new: Path, target: Path, older: Mapping[str, Any]) -> None:
 
 
 def _fill(new: Path, target: Path) -> None:
-    """Move what a folder holds into an empty one, folders first: the files describe them."""
+    """Move the content of a folder into an empty one, folders first: the files describe them."""
     require_new_folder(target)
     for each in sorted(new.iterdir(), key=Path.is_file):
         shutil.move(each, target / each.name)  # a link may lead to another disk

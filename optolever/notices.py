@@ -1,4 +1,4 @@
-"""Notices: what a result wants its user to know, as data that is saved with it, printed and drawn.
+"""Notices: findings for the user of a result, as data that is saved with it, printed and drawn.
 
 Judged: the test that a notice comes from.
 """

@@ -22,7 +22,7 @@ from optolever.files import load_arrays
 __all__ = ["built", "from_json", "load_record"]
 
 T = TypeVar("T")
-#: Words for what a value must be, and the types that it may have.
+#: Of a kind of values: its name in messages, and the types that it accepts.
 _PLAIN: dict[Any, tuple[str, tuple[type, ...]]] = {
     int: ("a whole number", (int,)),
     float: ("a number", (int, float)),
@@ -77,7 +77,7 @@ def _parsed(text: Any, name: str) -> Any:
 def built(kind: Any, value: Any, name: str, extents: Extents | None = None) -> Any:
     """A value of a type: records (dataclasses, named tuples) from mappings, tuples from lists (whose elements
     have extents of their own), numbers from arrays (). Unknown fields are passed over. InputError names the
-    field, its value and what it must be."""
+    field, its value and its kind."""
     extents, origin, parts = {} if extents is None else extents, get_origin(kind), get_args(kind)
     if isinstance(value, np.generic | np.ndarray) and not value.ndim and origin is not np.ndarray:
         value = value.item()

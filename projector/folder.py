@@ -10,7 +10,7 @@
 
 Others' captures are described by such a file kept elsewhere; where it names no files, the pictures of the
 folder are taken in natural order, and a file that Sequence.save wrote serves as well. Nothing else is
-allowed in it, and no other pictures in `frames/` than those of the folder's own.
+allowed in it, and `frames/` holds no other pictures.
 """
 
 from collections.abc import Iterable, Mapping

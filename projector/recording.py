@@ -72,7 +72,7 @@ class _Block:
 
 @dataclass(frozen=True, slots=True)
 class _ImageLine:
-    """What a line says of an image."""
+    """Fields of an image's line."""
 
     id: int | None
     device_s: float | None
@@ -172,7 +172,7 @@ class Recorder:
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
-        """What the system refuses is of the folder."""
+        """Errors of the system become errors of the folder."""
         try:
             yield
         except OSError as error:
@@ -325,7 +325,7 @@ def _is_event(line: Any) -> bool:
 
 
 def _event(line: Mapping[str, Any], number: int) -> Any:
-    """What a line says, as a record. InputError, which begins with its place in the log (from 0)."""
+    """A line as a record. InputError, which begins with its place in the log (from 0)."""
     where = f"line {number + 1}"
     stated = built(int, line.get("line", -1), f"{where}.line")
     if stated != number:

@@ -145,7 +145,7 @@ def map_at_rest(
 
 
 def _above_rest(scene: Scene, anchor: Anchors) -> tuple[Scene, Anchors]:
-    """Scene and anchor of heights that are those above the mirror at rest."""
+    """Scene and anchor of heights above the mirror at rest."""
     return without_rest_form(scene), EDGE_OR_BORDER if anchor is None else anchor
 
 

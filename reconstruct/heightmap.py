@@ -100,8 +100,8 @@ class HeightMap(Comparable):
     x, y, z: NaN where nothing is known; sigma: standard deviation of z at that pixel, whose point then moves
     along the pixel's ray; flags: uint16, 0 = good: the decoder's bits and those of HeightFlag;
     lean: dx/dz and dy/dz along the rays, (2, H, W), or (2, 1, 1) if all are parallel, None if unknown (taken
-    as upright); notices: warnings about the map, the correspondence's included; tests: those that the map was
-    put to, not in files;
+    as upright); notices: warnings about the map, the correspondence's included; tests: of this
+    map, not in files;
     modes: (r, rows, cols) mm on every `modes_step`-th pixel, linear between: change of z by one standard
     deviation of every independent error of the rig, apart from `sigma`; an error is common to all heights.
     None: the scene is exact.

@@ -1,4 +1,4 @@
-"""Are the frames those described, in that order? Tests of every capture; after a refusal, causes.
+"""Do the frames agree with their description and its order? Tests of every capture; after a refusal, causes.
 
 | file      | holds                                                                            |
 |-----------|----------------------------------------------------------------------------------|

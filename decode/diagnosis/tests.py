@@ -1,4 +1,4 @@
-"""Are the frames those described? A table of tests of every decoded capture; one that fails refuses pixels.
+"""Do the frames agree with their description? Tests of every capture; one that fails refuses pixels.
 
 Each test has a figure, which is small in a right capture, a limit, and words that hold beyond it. All work on
 samples: blocks of the frames with their lag and response corrected, patches of the maps, windows.
@@ -242,7 +242,7 @@ def _words(seen: _Seen, axis: AxisPlan) -> float:
 
 
 def _rough(seen: _Seen, axis: AxisPlan) -> float:
-    """Share of the good pixels more than five sigma, two pattern px and twice the usual step between pixels
+    """Share of the good pixels more than five sigma, two pattern px and twice the median step between pixels
     off the median of 5 x 5."""
     shape, off, count = seen.found.flags.shape, 0, 0
     starts = (
@@ -273,7 +273,7 @@ def _rough(seen: _Seen, axis: AxisPlan) -> float:
 
 #: The first that fails speaks; the first of all needs enough light.
 TESTS = (
-    _Test("unplaced", 0.7, "the pictures of {axis} are not those described, or not in that order", _unplaced),
+    _Test("unplaced", 0.7, "the pictures of {axis} differ from their description or its order", _unplaced),
     _Test(
         "mean levels", 0.08,
         "fringes of {axis} have unequal mean levels: a picture is another, or of other light", _mean_levels,

@@ -28,7 +28,7 @@ _AMPLE = 0.1
 _BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
     "their contrast is high: the display's gamma or lag, or the periods repeat on the pattern (add one as "
-    "wide as it, or bits), or periods, shifts, steps or pixels of the pattern that are not those described"
+    "wide as it, or bits), or other periods, shifts, steps or pixels of the pattern than described"
 )
 _EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.

@@ -4,8 +4,8 @@ x_i = (1 - m) I_i + m I_(i-1), x = A(m) I. Combinations C of a fringe's frames t
 C A(m)^-1 x = 0 for the right share m, found by Gauss-Newton. The fringes' mean level, amplitude and harmonics
 up to the third are regressed out: a gamma or a flicker is no lag. The regressor's samples are their fit,
 whose noise is not that of C x; the rest, by unequal noise of the levels, is subtracted. Three steps have no
-such combinations: phases of two periods must agree, and bits be white or black; bits alone show what a slow
-display holds of the frame before the last one, so a ladder is not corrected. Codes without fringes need no
+such combinations: phases of two periods must agree, and bits be white or black; bits alone show the share of
+the frame before the last one, so a ladder is not corrected. Codes without fringes need no
 correction: a threshold bears it.
 """
 
@@ -24,8 +24,8 @@ from . import Correction, Effect, View
 
 __all__ = ["LADDER", "correct", "matrix"]
 
-#: Name of the effect of a ladder of three steps, which is not corrected: its estimate takes what is left of
-#: all frames before for a share of the last one.
+#: Name of the effect of a ladder of three steps, which is not corrected: its estimate takes the light of all
+#: frames before for a share of the last one.
 LADDER = "lag of three steps"
 
 #: Most pixels of the sample, and fewest; parts of them for the scatter of the share; steps.
@@ -55,7 +55,7 @@ def _mixture(shares: F64, count: int) -> F64:
 
 
 def _before(count: int, depth: int) -> F64:
-    """(N, N): each frame as so many before, the first one for those before it."""
+    """(N, N): each frame by the one so many before it, at least the first."""
     return np.asarray(np.eye(count)[np.maximum(np.arange(count) - depth, 0)])
 
 

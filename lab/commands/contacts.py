@@ -73,8 +73,8 @@ def _elastic(rigs: int, seed: int, drawn: bool, json_path: Path | None) -> None:
         for number, kind in enumerate(ELASTIC):
             step("kinds", number, len(ELASTIC))
             scores[kind] = elastic_scores(list(elastic_figures(kind, rigs, seed, drawn)))
-    parts = [f"{name} {part}" for name in ("force", "depth") for part in ("off", "told", "ratio", "worst")]
-    names = ["contacts", "found", *parts, "layers", "thickness off"]
+    parts = [f"{name} {part}" for name in ("force", "depth") for part in ("error", "sigma", "ratio", "worst")]
+    names = ["contacts", "found", *parts, "layers", "thickness error"]
     rows = [
         [kind, *(f"{row[name]:.3g}" if name in row else "-" for name in names)]
         for kind, row in scores.items()

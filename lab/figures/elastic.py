@@ -29,8 +29,8 @@ _MODULUS = 0.25  # N/mm^2
 
 @dataclass(frozen=True, slots=True)
 class Elastic:
-    """One elastic contact: what is true, force (N, NaN: none makes it), depth and thickness (mm, NaN: none is
-    looked for), and the deepest contact that was found."""
+    """One elastic contact: true force (N, NaN: no pressure makes it), depth and thickness (mm, NaN: none is
+    known), and the deepest contact that was found."""
 
     kind: str
     force: float
@@ -40,7 +40,7 @@ class Elastic:
 
 
 def elastic_figures(kind: str, rigs: int, seed: int = 0, drawn: bool = False) -> Iterator[Elastic]:
-    """Elastic contacts of one kind, on rigs as they are typed or drawn from the priors of typed ones."""
+    """Elastic contacts of one kind, on rigs as typed or drawn from the priors of typed ones."""
     scene = resize(load("prism48"), 112, 132)
     covariance = rig_covariance(scene)
     assert covariance is not None
@@ -115,9 +115,9 @@ def elastic_scores(some: list[Elastic]) -> dict[str, float]:
         if np.isfinite(value - true).any():
             off, ratio = np.abs(value / true - 1), np.abs(value - true) / sigma
             parts = np.median(off), np.median(sigma / true), np.sqrt(np.mean(ratio**2)), ratio.max()
-            names = (f"{name} {part}" for part in ("off", "told", "ratio", "worst"))
+            names = (f"{name} {part}" for part in ("error", "sigma", "ratio", "worst"))
             scores |= dict(zip(names, map(float, parts), strict=True))
     layers = [(each.layer_thickness, one.thickness) for one, each in found if each.layer_thickness]
     thick = [abs(h / true - 1) for h, true in layers if np.isfinite(true)]
-    named = {"thickness off": float(np.median(thick))} if thick else {}
+    named = {"thickness error": float(np.median(thick))} if thick else {}
     return scores | {"layers": float(len(layers))} | named

@@ -92,7 +92,7 @@ def limits(root: Path = ROOT) -> dict[str, int]:
 
 
 def over(found: dict[str, int], limit: dict[str, int]) -> dict[str, int]:
-    """By how much numbers exceed their limits, of those that do; one without a limit exceeds 0."""
+    """Excess over the limits, of the numbers with one; a number without a limit exceeds 0."""
     return {name: count - limit.get(name, 0) for name, count in found.items() if count > limit.get(name, 0)}
 
 
@@ -151,7 +151,7 @@ def _numbers(node: ast.stmt) -> int:
 
 
 def _count(name: ast.expr, value: ast.expr | None) -> int:
-    """Of a name in capitals: its numbers, those of a tuple each; 1 of any expression."""
+    """Of a name in capitals: its numbers, of a tuple each; 1 of any expression."""
     if value is None or not isinstance(name, ast.Name) or not name.id.isupper():
         return 0
     known = [one.value for one in ast.walk(value) if isinstance(one, ast.Constant)]

@@ -90,7 +90,7 @@ def on_layer(radius: float, depth: float, thickness: float, poisson: float) -> D
 
 
 def base(radius: float, depth: float, thickness: float, poisson: float) -> "scipy.interpolate.CubicSpline":
-    """What a rigid base adds to a ball's dent, by distance: waves of Airy's stress f = (A + B z) e^-z +
+    """Change of a ball's dent by a rigid base, by distance: waves of Airy's stress f = (A + B z) e^-z +
     (C + D z) e^z in plane strain, f = 1 and f' = 0 where it presses; nothing moves at depth q = k h."""
 
     def terms(z: Any, order: int) -> Any:

@@ -45,7 +45,7 @@ _SIZE = 24, 32
 _WIDEST = 65536.0
 #: Heights may be off by so many sigma.
 _SIGMAS = 5.0
-#: What Python says where a program does not say what is wrong.
+#: Messages of Python where a program has none.
 _PYTHON = re.compile(
     "object has no|Errno|not supported between|unhashable|subscriptable|not iterable|must be real number,|"
     "positional arg|keyword arg|index out of|out of range|unpack|NoneType|invalid literal|could not convert|"

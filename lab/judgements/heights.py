@@ -38,7 +38,7 @@ _TRUE = ("rest pixels", "total sigma", "wedge")
 
 @dataclass(frozen=True)
 class _Case:
-    """A capture: the scene as it is typed, press and rest, and the true height (NaN: unknown)."""
+    """A capture: the typed scene, press and rest, and the true height (NaN: unknown)."""
 
     typed: Scene
     press: Correspondence
@@ -48,7 +48,7 @@ class _Case:
 
 @dataclass(frozen=True)
 class _Rigs:
-    """The scene as it is typed and the rig as it is."""
+    """The typed scene and the true rig."""
 
     typed: Scene
     true: Scene
@@ -91,10 +91,10 @@ def rows(seeds: int, kinds: Collection[str] | None = None) -> list[Row]:
 
 def _right(kind: str, maps: "list[_Judged]") -> list[Row]:
     """Rows of captures that are right, and one of the others."""
-    told, off, found = [one for one in maps if not one.wrong], [one for one in maps if one.wrong], []
-    for test in dict.fromkeys(test for one in told for test in one.limits if test not in _TRUE):
-        limits = [one.limits[test] for one in told if test in one.limits]
-        alarms = sum(test in one.named for one in told)
+    right, off, found = [one for one in maps if not one.wrong], [one for one in maps if one.wrong], []
+    for test in dict.fromkeys(test for one in right for test in one.limits if test not in _TRUE):
+        limits = [one.limits[test] for one in right if test in one.limits]
+        alarms = sum(test in one.named for one in right)
         found.append(Row(_PART, test, kind, min(limits), len(limits), alarms, 0, 0))
     silent = sum(not one.named for one in off)
     return [*found, Row(_PART, _ANY, kind, math.nan, 0, 0, len(off), silent)]
@@ -161,7 +161,7 @@ def _shifted(scene: Scene, pixels: float) -> Scene:
 
 
 def _two_moments(rigs: _Rigs, rng: Rng) -> _Case:
-    """The camera moved by half a pixel between the frames of u and those of v."""
+    """The camera moved by half a pixel between the frames of u and of v."""
     surface = _drawn_ball(rng)
     case, later = rigs.case(surface, rng), _captured(_shifted(rigs.true, 0.5), surface, rng)[0]
     return replace(case, press=replace(case.press, v=later.v))
@@ -183,7 +183,7 @@ def _reversed(rigs: _Rigs, rng: Rng) -> _Case:
 
 
 def _coarser(rigs: _Rigs, rng: Rng, alone: bool) -> _Case:
-    """The pattern's pitch is typed half as large as it is."""
+    """The typed pitch of the pattern is half the true one."""
     case, pattern = rigs.case(_drawn_ball(rng), rng, alone=alone), rigs.typed.pattern
     return replace(case, typed=replace(rigs.typed, pattern=replace(pattern, pitch=0.5 * pattern.pitch)))
 
@@ -214,7 +214,7 @@ def _sinks(micrometres: float) -> _Make:
 
 _MOVED = ("moved", "motion", "untouched")
 _SCENE = ("plausible", "rest rig", "circulation", "refused")
-#: Kind of fault -> makes a capture of it, and the tests one of which names it.
+#: Kind of fault -> makes a capture of it, and the tests that may name it.
 WRONG: dict[str, tuple[_Make, tuple[str, ...]]] = {
     **{f"camera moved by {px:g} px": (_camera(px), _MOVED) for px in (0.05, 0.2, 1.0)},
     **{f"block sank by {um} µm": (_sinks(um), _MOVED) for um in (5, 20, 50)},

@@ -37,7 +37,7 @@ TESTS = {
     "more light": "More light",
     "less light": "Less light",
 }
-#: Fault of a frame -> the tests one of which names it.
+#: Fault of a frame -> the tests that may name it.
 NAMED_BY: dict[str, tuple[str, ...]] = {
     "black": ("too few cells", "less light"),
     "white": ("too few cells", "saturated"),
@@ -86,13 +86,13 @@ def rows(seeds: int) -> list[Row]:
     rig = stream_rig(resize(load("prism48"), *_SIZE))
     found = []
     for kind, allowed in RIGHT.items():
-        told = [_named(_frame(rig, kind, seed)) - set(allowed) for seed in range(seeds)]
-        found += _alarms(kind, told)
+        named = [_named(_frame(rig, kind, seed)) - set(allowed) for seed in range(seeds)]
+        found += _alarms(kind, named)
     for name, (change, tests) in BESIDE.items():
-        told = [_named(_frame(rig, "smooth press", seed, change)) for seed in range(seeds)]
-        found += _alarms(name, [one - set(tests) for one in told])
-        missed = sum(not one & set(tests) for one in told)
-        found.append(Row(_PART, ", ".join(tests), name, math.nan, 0, 0, len(told), missed))
+        named = [_named(_frame(rig, "smooth press", seed, change)) for seed in range(seeds)]
+        found += _alarms(name, [one - set(tests) for one in named])
+        missed = sum(not one & set(tests) for one in named)
+        found.append(Row(_PART, ", ".join(tests), name, math.nan, 0, 0, len(named), missed))
     for name, fault in FAULTS.items():
         named = [_named(_faulty(rig, fault, seed)) for seed in range(seeds)]
         missed = sum(not one & set(NAMED_BY[name]) for one in named)

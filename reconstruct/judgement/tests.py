@@ -1,6 +1,6 @@
 """Tests of a height map: each has a figure, a limit, words that hold beyond it, and what to do.
 
-Those that need what a step of the chain alone knows are taken there (`height_map`, `less_sag`).
+A test of a quantity that one step of the chain alone has is taken there (`height_map`, `less_sag`).
 """
 
 import math
@@ -34,7 +34,7 @@ _WEDGE = 10.0  # times: of a prism within a tenth of its length
 
 
 class Solved(NamedTuple):
-    """A height map and what it was made of. corrected: the correspondence less the rest capture's deviation;
+    """A height map and its sources. corrected: the correspondence less the rest capture's deviation;
     rig: how the slopes were judged beside the rig's errors; mistake: in the scene, without which the capture
     fits, in words; shift: of the picture since rest; loaded: whether sag and motion were measured; named:
     whether the anchor is that of a mirror at rest."""
@@ -127,7 +127,7 @@ def _moved(solved: Solved) -> Judged | None:
 
 
 def _below_rest(solved: Solved) -> Judged | None:
-    """Heights below those of a sensor at rest: both captures are exchanged, or rest has a contact."""
+    """Heights below the mirror at rest: both captures are exchanged, or rest has a contact."""
     height = solved.height
     z = height.z[height.good]
     if not solved.at_rest or solved.scene.medium is None or not z.size:

@@ -75,7 +75,7 @@ def mistakes(measured: Measurement, scene: Scene, described: RigJudgement | None
 
 
 def _mistakes_alone(measured: Measurement, scene: Scene, described: RigJudgement | None) -> tuple[str, ...]:
-    """Only mistakes without which the places lie nearer to those of the flat mirror, the nearest first, each
+    """Only mistakes without which the places lie nearer to the flat mirror's, the nearest first, each
     solved on a coarse grid."""
     if described is None and (described := _judged(measured, scene)) is None:
         return ()

@@ -48,8 +48,7 @@ class PictureShift(NamedTuple):
 
     @property
     def unsure(self) -> float:
-        """Standard deviation of the mirror's sinking, mm: what the fit is sure of, of an exact rig beyond the
-        limit alone."""
+        """Standard deviation of the mirror's sinking by the fit, mm; of an exact rig beyond the limit."""
         if not self.prior and not self.pixels > self.limit:
             return 0.0
         return math.sqrt(max(self.sunk**2 - self.sunk_sigma**2, 0.0))

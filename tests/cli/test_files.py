@@ -20,7 +20,7 @@ from optolever.cli.batch import Many
 from optolever.cli.questions import QUESTIONS
 
 SIZE = ["--pixels", "32x24"]
-#: Values of parameters by their metavar: what a command must have, wherever it is.
+#: Values of parameters by their metavar: required ones, wherever they are.
 GIVEN = {
     "PRESET_OR_TOML": "rig.toml", "RIG.toml": "rig.toml", "C.npz": "c.npz", "H.npz": "h.npz",
     "H.npz...": "h.npz", "DIR|PATTERN|FILE": "capture", "RAMP": "ramp",
@@ -62,7 +62,7 @@ def walk(command: click.Command, name: str = "") -> Iterator[tuple[str, click.Co
 
 
 COMMANDS = dict(walk(app))
-#: Those that take many captures have a second form.
+#: Commands of many captures have a second form.
 MANY = " of many"
 CALLS = [*COMMANDS, *(f"{name}{MANY}" for name, command in COMMANDS.items() if isinstance(command, Many))]
 
@@ -238,7 +238,7 @@ def test_inputs_stay(name: str, restore: Callable[[], None]) -> None:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_files_of_others_stay(name: str, restore: Callable[[], None]) -> None:
-    """A run shows which names it writes beside those that it was asked for; then each is another's file."""
+    """A run shows which names it writes beside its options' ones; then each is another's file."""
     call = Call.of(name)
     values = {flag: call.name(flag, f"new/{flag.strip('-')}") for flag in call.outputs}
     Path("new").mkdir()

@@ -1,4 +1,4 @@
-"""Sigmas of contacts are those of their errors, neither narrower nor wider; forces behind a layer."""
+"""Sigmas of contacts agree with their errors, from both sides; forces behind a layer."""
 
 import numpy as np
 import pytest
@@ -40,8 +40,8 @@ def test_what_the_motion_shows_of_the_rig_is_in_sigma(amount: float) -> None:
     left = made.less(found)
     assert left.modes is not None
     middle = np.hypot(X - 30, Y - 22) < 2
-    told = np.sqrt(np.square(left.modes).sum(axis=0) + np.square(left.sigma))
-    assert 0.3 < ratio(((left.z - dent) / told)[middle].tolist()) < 1.3
+    sigma = np.sqrt(np.square(left.modes).sum(axis=0) + np.square(left.sigma))
+    assert 0.3 < ratio(((left.z - dent) / sigma)[middle].tolist()) < 1.3
 
 
 @pytest.mark.parametrize(("poisson", "thickness"), [(0.48, 12.0), (0.3, 20.0), (0.48, 400.0)])

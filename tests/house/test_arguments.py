@@ -19,7 +19,7 @@ SCENE, CODE, FRAMES = load("prism48"), sequence("gray", 4, 4), np.zeros((3, 4, 4
 FLAT, SEEN = dent("flat", SCENE), object.__new__(Correspondence)
 #: Values of no record: what users pass by mistake; records mistaken for others.
 WRONG = [None, "gray+phase", 7, np.zeros((3, 4)), object(), ["gray"], Frame("white"), CODE, SCENE]
-#: Verb, its arguments, those that are records.
+#: Verb, its arguments, the names of records among them.
 VERBS: list[tuple[Callable[..., Any], dict[str, Any], tuple[str, ...]]] = [
     (load, {"preset_or_path": "prism48"}, ("preset_or_path",)),
     (sequence, {"name": "gray", "rows": 4, "cols": 4}, ("name",)),

@@ -1,4 +1,4 @@
-"""The guard that keeps the house light: what it counts, what fails, what --accept writes."""
+"""The guard of code lines: its counts, its failures, the file that --accept writes."""
 
 import tomllib
 from pathlib import Path

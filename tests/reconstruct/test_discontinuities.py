@@ -37,7 +37,7 @@ def test_no_silent_error_around_steep_dents(exact, noisy, preset, dent, size, si
 
 
 def test_no_silent_error_beside_a_ridge_whatever_the_noise(exact, noisy) -> None:
-    """Two pixels alone in a row, beside what is left out: their edge counts no more than those around."""
+    """Two pixels alone in a row, beside excluded ones: their edge counts no more than the edges around."""
     scene, truth, _ = exact("paper-simulation", "ridge:angle_deg=30", 60, 70)
     for seed in range(6):
         height = reconstruct(noisy(truth, 1e-4, 1e-4, seed), scene)

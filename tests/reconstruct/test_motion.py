@@ -209,7 +209,7 @@ def test_a_dent_is_no_motion(dents: str, exact: bool) -> None:
 
 @pytest.mark.parametrize("pixels", [0.05, 0.3])
 def test_a_camera_that_moved_before_an_exact_rig_is_named(pixels: float) -> None:
-    """By .05 px heights are 8 um off, of which an exact rig knew nothing."""
+    """By .05 px heights are 8 um off, beyond the sigma of an exact rig."""
     scene = resize(load("prism48", exact=True), 120, 160)
     camera = scene.camera
     origin = camera.origin + pixels * camera.pitch[0] * camera.u_axis

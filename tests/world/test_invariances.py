@@ -30,7 +30,7 @@ CELLS = {
 FIELDS = ("u", "v", "sigma_u", "sigma_v", "flags")
 # Processors cut a row into vectors at other places, so that its sums round otherwise: differences over sigma.
 PLACES, SIGMAS = 1e-2, 1e-4
-NEAR = 10  # pixels from a cut, which miss neighbours: five, and five more of those beside unlit ones
+NEAR = 10  # pixels from a cut, which miss neighbours: five, and five more beside unlit pixels
 Frames = NDArray[np.generic]
 Maps = dict[str, NDArray[np.generic]]
 
