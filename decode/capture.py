@@ -114,7 +114,7 @@ def _tested(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> tu
 
 
 def _refused(found: Correspondence, verdict: Verdict) -> Correspondence:
-    flags = found.flags | np.where(verdict.wrong, np.uint16(Flag.WRONG_FRAME), np.uint16(0))
+    flags = found.flags | np.uint16(Flag.WRONG_FRAME) * verdict.wrong
     return replace(found, flags=flags, notices=(*verdict.notices, *found.notices), tests=verdict.tests)
 
 
@@ -223,18 +223,16 @@ _CURES = {
 
 def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tuple[Notice, ...]:
     """Motion; else what costs a factor of 1.5 in sigma or more, its largest part by name."""
-    nan = float("nan")
     for effect in profile.effects:
         if effect.name == "motion":
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
             cure = "sigma includes it; hold the mirror still, or show fewer frames"
-            return (Notice(name, nan, nan, cure),)
+            return (Notice.plain(name, cure),)
         if effect.name == lag.LADDER and effect.value > _SHORT:
-            name = (
-                f"a lag of about {100 * effect.value:.2g} % of the display, which three steps take for places"
-            )
+            share = f"{100 * effect.value:.2g} %"
+            name = f"a lag of about {share} of the display, which three steps take for places"
             cure = "heights may err by more than sigma; show four steps, or wait longer before each picture"
-            return (Notice(name, nan, nan, cure),)
+            return (Notice.plain(name, cure),)
     worst, cause = 1.0, ""
     for axis, own in zip(axes, profile.axes, strict=True):
         if not axis.fringes or not own.misfits:
@@ -255,7 +253,7 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
     if worst < _NOTICED:
         return ()
     name = f"sigma is {worst:.2g} times wider than noise alone, most likely because of {cause}"
-    return (Notice(name, nan, nan, _CURES[cause]),)
+    return (Notice.plain(name, _CURES[cause]),)
 
 
 def _phase_variance(fringe: Fringe, sample: Sample, noise: Noise) -> F64:
@@ -421,21 +419,15 @@ def _beside(light: Light, ready: Prepared, table: Table, row: int) -> Beside:
 def holds(light: Light, ready: Prepared, mask: Mask) -> tuple[Notice, ...]:
     """Why a profile no longer holds for these frames, by sample pixels; empty: it does."""
     known, now = ready.profile.sampled, _statistics(light, ready, lit_pixels(light, mask)[1])
+    contrast = now.amplitude / max(known.amplitude, 1e-6)
     changes = (
         ("share of good pixels", known.good, now.good, now.good < _FEWER * known.good),
         ("noise of the residuals", known.chi2, now.chi2, now.chi2 > _CHANGED * max(known.chi2, 0.5)),
-        (
-            "contrast, levels",
-            known.amplitude,
-            now.amplitude,
-            not 0.5 < now.amplitude / max(known.amplitude, 1e-6) < 2,
-        ),
+        ("contrast, levels", known.amplitude, now.amplitude, not 0.5 < contrast < 2),
     )
     return tuple(
-        Notice(
+        Notice.plain(
             f"the rig's profile no longer fits, {name} was {old:.2g}, is {new:.2g}",
-            float("nan"),
-            float("nan"),
             "this capture is decoded by its own; store that: optolever decode --save-profile",
         )
         for name, old, new, changed in changes

@@ -25,10 +25,8 @@ __all__ = ["Decoder", "decode", "estimate_profile"]
 _STEPS = 2
 #: Largest blur of a lens, px of the camera.
 _LENS = 4.0
-_OTHER = Notice(
+_OTHER = Notice.plain(
     "the rig's profile is of another sequence, size or kind of frames",
-    float("nan"),
-    float("nan"),
     "this capture is decoded by its own; store that: optolever decode --save-profile",
 )
 

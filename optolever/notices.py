@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ class Notice:
     size: float
     limit: float
     cure: str
+
+    @classmethod
+    def plain(cls, name: str, cure: str) -> Self:
+        """Without a size."""
+        return cls(name, math.nan, math.nan, cure)
 
     def __str__(self) -> str:
         """One line."""

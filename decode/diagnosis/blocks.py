@@ -13,27 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.kernels import F32, I64
+from optolever.kernels import F32, F64, I64
 from optolever.patterns import Sequence
 
 from ..plan import AxisPlan, Code, Fringe, Plan, plan
 
 __all__ = [
-    "SIDE",
-    "Plain",
-    "Trial",
-    "blocks_of",
-    "cut",
-    "fit_fringe",
-    "places",
-    "plain_decode",
-    "shortfall",
-    "word_places",
-]
+    "Fits", "Trial", "blocks_of", "cut", "fits_of", "places", "plain_decode", "shortfall", "word_places",
+]  # fmt: skip
 
 Mask = NDArray[np.bool_]
 #: Blocks, side of one, pixels; places at which they may lie.
-_BLOCKS, SIDE, _PLACES = 36, 10, 3000
+_BLOCKS, _SIDE, _PLACES = 36, 10, 1500
 #: Residual of a fringe over its amplitude, at most (gamma 2.2: .57).
 _SINE = 0.7
 #: Shortfall of a share without pixels.
@@ -51,19 +42,23 @@ class Trial(NamedTuple):
     before: float = 0.0
 
 
-class Plain(NamedTuple):
-    """Of one axis: share of pixels with a place, by block (B,); mean phasor of each finer fringe against the
-    coarser place (NaN: too few pixels); place (B, side, side); whether it is one, of inner pixels."""
+class Fit(NamedTuple):
+    """A fringe's sinusoid in pixels (B, side, side): phase, periods; residual over amplitude."""
 
-    share: NDArray[np.float64]
-    phasors: list[float]
-    place: F32
-    placed: Mask
+    period: float
+    phase: F32
+    amplitude: F32
+    offset: F32
+    residual: F32
+
+
+#: Fits of the fringes of each axis, the coarsest first; None: less than three samples.
+Fits = dict[str, list[Fit | None]]
 
 
 def blocks_of(frames: NDArray[Any], mask: Mask | None) -> I64 | None:
     """First pixels (B, 2) of lit blocks; for every frame two with an edge of it, the rarest edges first."""
-    half, step, rng = SIDE // 2, SIDE // 2 - 1, np.random.default_rng(0)
+    half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
     stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
     inside = tuple(slice(half, extent - half, stride) for extent in frames.shape[1:])
     low = frames[(slice(None), *inside)].astype(np.float32)
@@ -87,15 +82,19 @@ def blocks_of(frames: NDArray[Any], mask: Mask | None) -> I64 | None:
 
 def cut(image: NDArray[Any], at: I64) -> NDArray[Any]:
     """Blocks (..., B, side, side) of an image (..., H, W)."""
-    return np.stack([image[..., y : y + SIDE, x : x + SIDE] for y, x in at], axis=-3)
+    return np.stack([image[..., y : y + _SIDE, x : x + _SIDE] for y, x in at], axis=-3)
 
 
-def plain_decode(blocks: F32, trial: Trial) -> list[Plain]:
-    """Each axis that plain decoding knows. InputError where the description is none."""
-    known = plan(trial.sequence)
-    some = _images(blocks, trial)
-    axes = [a for a in known.axes if (a.code is not None or a.fringes) and not a.looked_up]
-    return [places(some, axis, known, trial.free) for axis in axes]
+def plain_decode(blocks: F32, trial: Trial) -> list[F64]:
+    """Share of pixels with a place, by block (B,), of each axis. InputError where the description is none."""
+    return [share for share, _ in _decoded(_images(blocks, trial), plan(trial.sequence), trial.free)[0]]
+
+
+def _decoded(images: F32, known: Plan, free: int) -> tuple[list[tuple[F64, list[float]]], Fits]:
+    """`places` of each axis that plain decoding knows, and the fits."""
+    fits = fits_of(images, known, free)
+    axes = [axis for axis in known.axes if (axis.code is not None or axis.fringes) and not axis.looked_up]
+    return [places(images, axis, known, fits, free) for axis in axes], fits
 
 
 def _images(blocks: F32, trial: Trial) -> F32:
@@ -107,15 +106,16 @@ def _images(blocks: F32, trial: Trial) -> F32:
     return np.tensordot(np.linalg.inv(mixture).astype(np.float32), blocks[trial.order], 1)
 
 
-def shortfall(blocks: F32, trial: Trial, base: Any = _NONE) -> NDArray[np.float64]:
+def shortfall(blocks: F32, trial: Trial, base: Any = _NONE) -> F64:
     """1 - share: of axes (twice), finer fringes, equal mean levels, no residuals, white over black; without
     pixels half as much as in base."""
     try:
-        found, known = plain_decode(blocks, trial), plan(trial.sequence)
+        known = plan(trial.sequence)
     except InputError:
         return np.array([np.inf])
-    shares = [value for one in found for value in (one.share.mean(), one.share.mean(), *one.phasors)]
-    shares += _light(_images(blocks, trial), known, trial.free)
+    found, fits = _decoded(_images(blocks, trial), known, trial.free)
+    shares = [value for share, phasors in found for value in (share.mean(), share.mean(), *phasors)]
+    shares += _light(fits)
     ends = [known.white, known.black]
     if min(ends) >= 0:
         white, black = blocks[trial.order[ends]]
@@ -126,46 +126,46 @@ def shortfall(blocks: F32, trial: Trial, base: Any = _NONE) -> NDArray[np.float6
     return np.where(np.isnan(one), unknown, 1 - one)
 
 
-def _light(images: F32, known: Plan, free: int) -> list[float]:
+def _light(fits: Fits) -> list[float]:
     """1 less the median deviation of a fringe's mean level from all others', and less its residual, both in
     amplitudes; NaN of a fringe that has lost its steps."""
-    every = [one for axis in known.axes if not axis.looked_up for one in axis.fringes]
-    fits = [fit_fringe(images, one, free) for one in every]
-    means = [fit[2] for fit in fits if fit is not None]
-    usual, shares = np.median(means, axis=0) if means else 0.0, list[float]()
-    for fit in fits:
-        off = (np.nan, np.nan) if fit is None else (np.abs(fit[2] - usual) / fit[1], fit[3])
+    every = [fit for one in fits.values() for fit in one]
+    known = [fit.offset for fit in every if fit is not None]
+    usual, shares = np.median(known, axis=0) if known else 0.0, list[float]()
+    for fit in every:
+        off = (np.nan, np.nan) if fit is None else (np.abs(fit.offset - usual) / fit.amplitude, fit.residual)
         shares += [1 - min(float(np.median(one)), 1.0) for one in off]
     return shares
 
 
-def places(blocks: F32, axis: AxisPlan, known: Plan, free: int = -1, lit: Mask | None = None) -> Plain:
-    """lit (B, side, side): pixels that count."""
-    fits = [(f.period, *fit) for f in axis.fringes if (fit := fit_fringe(blocks, f, free)) is not None]
+def places(
+    blocks: F32, axis: AxisPlan, known: Plan, fits: Fits, free: int = -1, lit: Mask | None = None
+) -> tuple[F64, list[float]]:
+    """Share of pixels with a place, by block (B,), or of the lit ones (B, side, side), (); mean phasor of
+    each finer fringe against the coarser place (NaN: too few pixels)."""
+    fringes = [fit for fit in fits[axis.axis] if fit is not None]
     shape = blocks.shape[1:]
     ok: Mask = np.ones(shape, np.bool_)
-    for *_, residual in fits:
-        ok &= residual < _SINE
+    for fit in fringes:
+        ok &= fit.residual < _SINE
     width, phasors = np.zeros(shape, np.float32), list[float]()
     if axis.code is not None:
-        place, width, decided = word_places(blocks, axis.code, known, fits[0] if fits else None, free)
-        if (
-            fits and len(place) > 1
-        ):  # the other value mirrors the place: the fringe knows its half of a period
-            gap = fits[0][1] - place / np.float32(fits[0][0])
+        place, width, decided = word_places(blocks, axis.code, known, fringes, free)
+        if fringes and len(place) > 1:  # the other value mirrors the place: the fringe knows its half
+            gap = fringes[0].phase - place / np.float32(fringes[0].period)
             which = np.abs(gap - np.rint(gap)).argmin(axis=0)
             place = np.take_along_axis(place, which[None], axis=0)
         ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
         good = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
-    elif fits:
-        place = _ladder_place(fits, axis.extent)[None]
+    elif fringes:
+        place = _ladder_place(fringes, axis.extent)[None]
         good = ok[None, :, 1:-1, 1:-1]
     else:
-        return Plain(np.zeros(len(width)), phasors, width, np.zeros_like(ok[:, 1:-1, 1:-1]))
-    for period, turn, _, _, _ in fits:
+        return np.zeros(len(width)), phasors
+    for period, turn, *_ in fringes:
         gap = turn - place / period
         use = (width < 0.75 * period) & ok
-        if axis.code is not None or period < fits[0][0]:
+        if axis.code is not None or period < fringes[0].period:
             mean = np.cos(2 * np.pi * gap) / np.sinc(np.minimum(width / period, 0.75))
             share = (mean * use).sum(axis=(2, 3)).max(axis=0).sum() / max(use.sum(), 1)
             phasors.append(min(share, 1.0) if use.mean() > 0.2 else np.nan if ok.mean() > 0.2 else 0.0)
@@ -173,14 +173,19 @@ def places(blocks: F32, axis: AxisPlan, known: Plan, free: int = -1, lit: Mask |
         good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
     inner = place[..., 1:-1, 1:-1]
     good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
-    better = good.mean(axis=(2, 3)).argmax(axis=0), np.arange(shape[0])
-    placed = good[better]
-    share = placed.mean(axis=(1, 2)) if lit is None else placed[lit[:, 1:-1, 1:-1]]
-    return Plain(np.asarray(share, np.float64), phasors, place[better], placed)
+    placed = good[good.mean(axis=(2, 3)).argmax(axis=0), np.arange(shape[0])]
+    return np.asarray(placed.mean(axis=(1, 2)) if lit is None else placed[lit[:, 1:-1, 1:-1]].mean()), phasors
 
 
-def fit_fringe(blocks: F32, fringe: Fringe, free: int = -1) -> tuple[F32, F32, F32, F32] | None:
-    """Phase (turns), amplitude, offset, residual over amplitude; None: less than three samples."""
+def fits_of(blocks: F32, known: Plan, free: int = -1) -> Fits:
+    """Of all axes whose fringes are no look-ups."""
+    return {
+        axis.axis: [_fit(blocks, fringe, free) for fringe in axis.fringes if not axis.looked_up]
+        for axis in known.axes
+    }
+
+
+def _fit(blocks: F32, fringe: Fringe, free: int) -> Fit | None:
     keep = [k for k, i in enumerate(fringe.index) if i != free]
     if len(keep) < 3:
         return None
@@ -189,11 +194,12 @@ def fit_fringe(blocks: F32, fringe: Fringe, free: int = -1) -> tuple[F32, F32, F
     amplitude = np.hypot(fit[1], fit[2]) + np.float32(1e-3)
     square = np.square(levels - np.tensordot(design, fit, 1)).sum(axis=0) / max(len(keep) - 3, 1)
     residual = np.sqrt(square) / amplitude if len(keep) > 3 else np.zeros_like(amplitude)
-    return np.arctan2(fit[2], fit[1]) / np.float32(2 * np.pi), amplitude, fit[0], residual
+    turn = np.arctan2(fit[2], fit[1]) / np.float32(2 * np.pi)
+    return Fit(fringe.period, turn, amplitude, fit[0], residual)
 
 
 def word_places(
-    blocks: F32, code: Code, known: Plan, fit: tuple[Any, ...] | None, free: int = -1
+    blocks: F32, code: Code, known: Plan, fits: list[Fit], free: int = -1
 ) -> tuple[F32, F32, Mask]:
     """Place (1 or 2, B, side, side), of both values of an unknown bit; width of its interval, pattern px;
     whether all but the finest bits are decided."""
@@ -203,8 +209,8 @@ def word_places(
     middle, half = 0.5 * (high + low), np.maximum(0.5 * (high - low), 1)
     if min(ends) >= 0 and free not in ends:
         middle = 0.5 * (blocks[known.white] + blocks[known.black])
-    elif fit is not None:
-        middle = fit[3]
+    elif fits:
+        middle = fits[0].offset
     pairs = [[-1 if i == free else i for i in pair] for pair in zip(code.plain, code.inverse, strict=True)]
     unknown = [b for b, pair in enumerate(pairs) if max(pair) < 0]
 
@@ -221,7 +227,7 @@ def word_places(
     together = code.kind == "binary"  # several bits change between adjacent cells; in Gray codes one does
     for b in range(0 if together else len(pairs)):
         run += (run == b) & opened[b]
-    fine = bool(unknown) and unknown[0] <= 2 and fit is None  # coarser ones are constant in most blocks
+    fine = bool(unknown) and unknown[0] <= 2 and not fits  # coarser ones are constant in most blocks
     run = np.maximum(run, unknown[0] + 1) if fine else run
     decided = (opened & (bits >= run)).sum(axis=0) <= (3 if together else 1)
     word = ((levels > 0) << bits).sum(axis=0)
@@ -232,16 +238,16 @@ def word_places(
     return np.asarray(cell * code.cell + 0.5 * (width - 1) + code.origin, np.float32), width, decided
 
 
-def _ladder_place(fits: list[Any], extent: int) -> F32:
+def _ladder_place(fits: list[Fit], extent: int) -> F32:
     """Place by the coarsest fringe; its order is that which the others confirm best."""
-    period, turn = fits[0][:2]
+    period, turn, *_ = fits[0]
     place = np.asarray(np.mod(turn + 0.5 / period, 1) * period - 0.5, np.float32)
     if period >= extent or len(fits) == 1:
         return place
     best, cost = place, np.full(place.shape, np.inf, np.float32)
     for order in range(int(np.ceil(extent / period))):
         tried = place + np.float32(order * period)
-        gaps = [other[1] - tried / other[0] for other in fits[1:]]
+        gaps = [other.phase - tried / other.period for other in fits[1:]]
         square = sum(np.square(gap - np.rint(gap)) for gap in gaps)
         best, cost = np.where(square < cost, tried, best), np.minimum(square, cost)
     return best

@@ -21,7 +21,7 @@ from optolever.patterns import BINARY_CODES, Frame, Sequence
 
 from ..frames import in_levels
 from ..plan import plan
-from .blocks import Trial, blocks_of, cut, fit_fringe, plain_decode, shortfall, word_places
+from .blocks import Trial, blocks_of, cut, fits_of, plain_decode, shortfall, word_places
 from .without import without
 
 __all__ = ["Mistake", "explain"]
@@ -39,6 +39,8 @@ _SHIFT, _COHERENT = 0.04, 0.5
 _EARLY = "picture 0 is one too many, or every picture shows the image before"
 _MIXED = "every picture is half of the image before: the camera exposes while the display changes"
 _TORN = "pictures are torn, part of each shows the image before: the camera exposes while the display changes"
+#: Fields of a frame that change.
+_Change = Callable[[Frame], dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,23 +86,16 @@ def explain(frames: ArrayLike, sequence: Sequence, *, mask: ArrayLike | None = N
 
 def _mistake(trial: Trial, share: float) -> Mistake:
     """With its description, in the order of the captured pictures."""
-    if trial.before or trial.name == _TORN:
-        return Mistake(trial.name, share)
-    shown = {int(k): i for i, k in enumerate(trial.order) if i != trial.free}
-    ordered = replace(trial.sequence, frames=tuple(trial.sequence.frames[shown[k]] for k in sorted(shown)))
-    pictures = np.array(sorted(shown))
-    if trial.free < 0:
-        return Mistake(trial.name, share, tuple(pictures.tolist()), ordered)
     try:
-        kept, less = without(trial.sequence, (trial.free,))
+        shown = range(len(trial.order)), trial.sequence
+        kept, less = without(trial.sequence, (trial.free,)) if trial.free >= 0 else shown
     except InputError:
         return Mistake(trial.name, share)
-    number = {i: int(trial.order[i]) for i in kept}
-    by_picture = sorted(range(len(kept)), key=lambda one: number[kept[one]])
-    frames = tuple(less.frames[one] for one in by_picture)
-    return Mistake(
-        trial.name, share, tuple(number[kept[one]] for one in by_picture), replace(less, frames=frames)
-    )
+    if trial.before:
+        return Mistake(trial.name, share)
+    pairs = sorted(zip(trial.order[list(kept)].tolist(), less.frames, strict=True), key=lambda pair: pair[0])
+    pictures, frames = zip(*pairs, strict=True)
+    return Mistake(trial.name, share, pictures, replace(less, frames=frames))
 
 
 def _cost(blocks: F32, trial: Trial, base: NDArray[np.float64]) -> float:
@@ -110,7 +105,7 @@ def _cost(blocks: F32, trial: Trial, base: NDArray[np.float64]) -> float:
 
 def _placed(blocks: F32, trial: Trial) -> float:
     try:
-        return min((float(one.share.mean()) for one in plain_decode(blocks, trial)), default=0.0)
+        return min((float(share.mean()) for share in plain_decode(blocks, trial)), default=0.0)
     except InputError:
         return 0.0
 
@@ -119,15 +114,12 @@ def _between(blocks: F32, sequence: Sequence) -> list[tuple[float, float, Trial]
     """Pictures between two images: half of each, everywhere; one or the other, by block."""
     count = len(sequence)
     same, late = np.arange(count), np.minimum(np.arange(count) + 1, count - 1)
-    both = [plain_decode(blocks, Trial("", order, sequence)) for order in (same, late)]
-    shares = [
-        (one.share.mean(), np.maximum(one.share, two.share).mean(), two.share.mean())
-        for one, two in zip(*both, strict=True)
-    ]
+    both = zip(*(plain_decode(blocks, Trial("", order, sequence)) for order in (same, late)), strict=True)
+    shares = [(one.mean(), np.maximum(one, two).mean(), two.mean()) for one, two in both]
     found = []
     if shares and all(most > max(one, two) + _LESS for one, most, two in shares):
         torn = [float(most) for _, most, _ in shares]
-        found.append((2 * sum(1 - one for one in torn), min(torn), Trial(_TORN, same, sequence)))
+        found.append((2 * sum(1 - one for one in torn), min(torn), Trial(_TORN, same, sequence, before=1)))
     mixed = Trial(_MIXED, same, sequence, before=0.5)
     return [*found, (float(shortfall(blocks, mixed).sum()), _placed(blocks, mixed), mixed)]
 
@@ -135,22 +127,19 @@ def _between(blocks: F32, sequence: Sequence) -> list[tuple[float, float, Trial]
 def _shifts(blocks: F32, sequence: Sequence) -> Iterator[Trial]:
     """Fringes whose phase is off the bits by the same share of a period everywhere."""
     known, turns, names = plan(sequence), dict[tuple[str, float], float](), list[str]()
+    fits = fits_of(blocks, known)
     for axis in known.axes:
-        if axis.code is None or axis.looked_up:
-            continue
-        for fringe in axis.fringes:
-            fit = fit_fringe(blocks, fringe)
-            assert fit is not None
-            place, width, decided = word_places(blocks, axis.code, known, (fringe.period, *fit))
-            use = decided & (width < 0.75 * fringe.period)
-            gap = np.exp(2j * np.pi * (fit[0] - place[0] / fringe.period))[use]
-            if (
-                gap.size
-                and abs(gap.mean()) > _COHERENT
-                and abs(turn := np.angle(gap.mean()) / (2 * np.pi)) > _SHIFT
-            ):
-                turns[axis.axis, fringe.period] = float(turn)
-                names.append(f"of {axis.axis} by {turn:+.2f} periods ({turn * fringe.period:+.3g} px)")
+        for fit in fits[axis.axis]:
+            if axis.code is None or fit is None:
+                continue
+            place, width, decided = word_places(blocks, axis.code, known, [fit])
+            use = decided & (width < 0.75 * fit.period)
+            gap = np.exp(2j * np.pi * (fit.phase - place[0] / fit.period))[use]
+            mean = gap.mean() if gap.size else 0j
+            turn = float(np.angle(mean)) / (2 * np.pi)
+            if abs(mean) > _COHERENT and abs(turn) > _SHIFT:
+                turns[axis.axis, fit.period] = turn
+                names.append(f"of {axis.axis} by {turn:+.2f} periods ({turn * fit.period:+.3g} px)")
     if turns:
         frames = tuple(
             replace(f, shift=(f.shift or 0.0) - 2 * np.pi * turns.get((f.axis or "", f.period_px or 0), 0))
@@ -187,66 +176,61 @@ def _descriptions(sequence: Sequence) -> Iterator[Trial]:
     yield Trial("the frames are in reverse order", same[::-1].copy(), sequence)
     names = sorted(range(len(frames)), key=str)
     yield Trial("the frames are in the alphabetical order of their numbers", np.argsort(names), sequence)
+    for name, kinds, change in _changes(frames):
+        if any(f.kind in kinds for f in frames):
+            changed = tuple(replace(f, **change(f)) if f.kind in kinds else f for f in frames)
+            yield Trial(name, same, replace(sequence, frames=changed))
+    axes = {"u before v": "uv", "v before u": "vu", "u and v in turns": ""}
+    pairs = ("", ", inverses first", ", all inverses after all bits")
+    ends = ("white", "black"), ("black", "white")
+    for end, axis, coarse, pair, last in product(ends, axes, (True, False), range(3), (False, True)):
+        by = end, axes[axis], coarse, pair, last
+        order = np.argsort(sorted(range(len(frames)), key=lambda i, by=by: _rank(frames[i], *by)))  # type: ignore[misc]
+        first = ("coarse" if coarse else "fine") + " bits first" + pairs[pair]
+        name = f"{' and '.join(end)} {'last' if last else 'first'}, {axis}, {first}"
+        yield Trial(f"the frames are in another order: {name}", order, sequence)
+
+
+def _rank(f: Frame, ends: tuple[str, ...], axes: str, coarse: bool, pair: int, last: bool) -> tuple[Any, ...]:
+    """Place of an image among the others of a folder."""
+    if f.kind in ends:
+        return 2 * last, ends.index(f.kind)
+    bit, polarity = (f.bit or 0) * (-1 if coarse else 1), f.inverted != (pair == 1)
+    within = (polarity, bit) if pair == 2 else (bit, polarity)
+    fringe = f.kind == "phase"
+    return 1, axes.find(f.axis or ""), fringe, -(f.period_px or 0), *(() if fringe else within)
+
+
+def _changes(frames: tuple[Frame, ...]) -> list[tuple[str, tuple[str, ...], _Change]]:
+    """Name, kinds of frames, and fields that are others in them."""
     last = {axis: max((f.bit or 0 for f in frames if f.axis == axis), default=0) for axis in ("u", "v")}
-    other = {"gray": "binary", "binary": "gray"}
-    changes: list[tuple[str, tuple[str, ...], Callable[[Frame], dict[str, Any]]]] = [
+    other, fringes = {"gray": "binary", "binary": "gray"}, ("phase",)
+    sines = (("a sine", -np.pi / 2), ("a negative sine", np.pi / 2))
+    found: list[tuple[str, tuple[str, ...], _Change]] = [
         ("bits are inverted", BINARY_CODES, lambda f: {"inverted": not f.inverted}),
         ("bits are in reverse order", BINARY_CODES, lambda f: {"bit": last[f.axis or "u"] - (f.bit or 0)}),
         ("binary and Gray bits are exchanged", tuple(other), lambda f: {"kind": other[f.kind]}),
-        ("fringes have shifts of the other sign", ("phase",), lambda f: {"shift": -(f.shift or 0.0)}),
+        ("fringes have shifts of the other sign", fringes, lambda f: {"shift": -(f.shift or 0.0)}),
         *(
-            (
-                f"fringes are {name} for a cosine",
-                ("phase",),
-                lambda f, by=by: {"shift": (f.shift or 0.0) + by},
-            )
-            for name, by in (("a sine", -np.pi / 2), ("a negative sine", np.pi / 2))
+            (f"fringes are {name} for a cosine", fringes, lambda f, by=by: {"shift": (f.shift or 0.0) + by})
+            for name, by in sines
         ),
         (
-            "u and v are exchanged",
-            (*BINARY_CODES, "phase"),
+            "u and v are exchanged", (*BINARY_CODES, *fringes),
             lambda f: {"axis": "uv".replace(f.axis or "", "")},
         ),
-    ]
-    kinds = {f.kind for f in frames}
-    if kinds & set(BINARY_CODES) and "phase" in kinds:  # else unseen
-        size = next(f.cell_px for f in frames if f.kind in BINARY_CODES)
-        for by in _SIZES:
-            for name, off in (("", 0.0), (f", offset by half a cell, {0.5 * size:.3g} px", 0.5 * size)):
-                if by != 1 or off:
-                    cells = lambda f, by=by, off=off: {  # noqa: E731
-                        "cell_px": f.cell_px * by, "offset_px": (f.offset_px or 0.0) + off,
-                    }  # fmt: skip
-                    changes += [
-                        (f"cells are {by * size:.3g} px, not {size:.3g} px{name}", BINARY_CODES, cells)
-                    ]
-        for by, how in ((0.5, "half"), (2.0, "twice")):
-            by_period = lambda f, by=by: {"period_px": (f.period_px or 1.0) * by}  # noqa: E731
-            changes += [(f"periods are {how} as large", ("phase",), by_period)]
-    for axis, bit in sorted({(f.axis, f.bit) for f in frames if f.bit is not None}):
-        one_bit = lambda f, of=(axis, bit): {"inverted": f.inverted ^ ((f.axis, f.bit) == of)}  # noqa: E731
-        changes += [(f"bit {bit} of {axis} is inverted", BINARY_CODES, one_bit)]
-    for name, of, change in changes:
-        if kinds & set(of):
-            changed = tuple(replace(f, **change(f)) if f.kind in of else f for f in frames)
-            yield Trial(name, same, replace(sequence, frames=changed))
-    ends = [("white", "black"), ("black", "white")]
-    axes = {"u before v": "uv", "v before u": "vu", "u and v in turns": ""}
-    pairs = ["", ", inverses first", ", all inverses after all bits"]
-    for end, axis, sign, pair, first in product(ends, axes, (-1, 1), range(3), (0, 9)):
-
-        def key(
-            i: int, end: Any = end, axis: str = axis, sign: int = sign, pair: int = pair, at: int = first
-        ) -> Any:
-            f = frames[i]
-            if f.kind in end:
-                return at, end.index(f.kind)
-            bit, polarity = sign * (f.bit or 0), f.inverted != (pair == 1)
-            fringe = f.kind == "phase"
-            place = (polarity, bit) if pair == 2 else (bit, polarity)
-            return 5, axes[axis].find(f.axis or ""), fringe, -(f.period_px or 0), not fringe and place, i
-
-        order = np.argsort(sorted(range(len(frames)), key=key))
-        parts = [" and ".join(end) + (" last" if first else " first"), axis]
-        parts.append(("coarse" if sign < 0 else "fine") + " bits first" + pairs[pair])
-        yield Trial("the frames are in another order: " + ", ".join(parts), order, sequence)
+    ]  # fmt: skip
+    size = next((f.cell_px for f in frames if f.kind in BINARY_CODES), 0.0)
+    if not size or all(f.kind != "phase" for f in frames):  # no frame shows the others
+        return found
+    for by, off in product(_SIZES, (0.0, 0.5 * size)):
+        name = f"cells are {by * size:.3g} px, not {size:.3g} px"
+        name += f", offset by half a cell, {off:.3g} px" if off else ""
+        cells = lambda f, by=by, off=off: {  # noqa: E731
+            "cell_px": f.cell_px * by, "offset_px": (f.offset_px or 0.0) + off,
+        }  # fmt: skip
+        found += [(name, BINARY_CODES, cells)] if by != 1 or off else []
+    for by, name in ((0.5, "half"), (2.0, "twice")):
+        periods = lambda f, by=by: {"period_px": (f.period_px or 1.0) * by}  # noqa: E731
+        found.append((f"periods are {name} as large", fringes, periods))
+    return found

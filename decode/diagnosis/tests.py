@@ -6,6 +6,7 @@ samples: blocks of the frames with their lag and response corrected, patches of 
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import cv2
@@ -20,9 +21,9 @@ from ..frames import Light
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan, plan
 from ..records import Correspondence, Flag
-from .blocks import blocks_of, cut, fit_fringe, places, word_places
+from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
 from .too_few import few_good
-from .windows import EVERY, contradictions, residual_windows
+from .windows import EVERY, contradictions, residual_windows, spread, typical
 
 __all__ = ["Decoded", "Verdict", "judged"]
 
@@ -32,8 +33,8 @@ Mask = NDArray[np.bool_]
 _FEWEST, _BRIGHT, _TURN, _PART = 100, 0.3, 10.0, 6.0
 #: Distance of two words, pixels; fewest pairs of them.
 _APART, _PAIRS = 5, 30
-#: Side of a patch, pixels; patches along an axis; pixels up to which the whole image is one.
-_PATCH, _PATCHES, _ALL = 32, 7, 1 << 16
+#: Side of a patch, pixels; patches along an axis.
+_PATCH, _PATCHES = 32, 4
 #: Limit of windows of residuals.
 _RESIDUAL = 30.0
 _ASK = "optolever explain names the likeliest mistake"
@@ -64,10 +65,11 @@ class Verdict(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Blocks of the frames as linear levels (N, B, side, side); which samples are not saturated; pixels (B,
-    side, side) of enough contrast; first pixels (B, 2)."""
+    """Blocks of the frames as linear levels (N, B, side, side), and their fringes; pixels (B, side, side)
+    without saturated samples; of enough contrast; first pixels (B, 2)."""
 
     levels: F32
+    fits: Fits
     whole: Mask
     lit: Mask
     at: I64
@@ -99,12 +101,14 @@ def judged(given: Decoded) -> Verdict:
         for axis, share in shares.items()
     ]
     share = f"{(ratio > _RESIDUAL).mean():.2g} of the image"
+    if (ratio > _RESIDUAL).any():
+        wrong |= spread(ratio > _RESIDUAL, EVERY, wrong.shape)
     words = f"the steps of a fringe contradict each other in {share}"
     parts.append(Judged("residuals in windows", float(ratio.max(initial=0.0)), _RESIDUAL, words, _CHECK))
     notices = [row.notice for row in refused or [row for row in parts if row.fails]]
     if few is not None and (certain or not notices):
         notices.insert(0, few)
-    return Verdict(wrong | (ratio > _RESIDUAL) | bool(refused), tuple(notices), (*rows, *parts))
+    return Verdict(wrong | bool(refused), tuple(notices), (*rows, *parts))
 
 
 def _whole(given: Decoded, known: Plan, weak: bool) -> list[Judged]:
@@ -125,18 +129,18 @@ def _whole(given: Decoded, known: Plan, weak: bool) -> list[Judged]:
     return rows
 
 
-def _residuals(given: Decoded, known: Plan) -> F64:
-    """Windows of residuals (H, W); 0 where none are known."""
+def _residuals(given: Decoded, known: Plan) -> F32:
+    """Windows of residuals, by every EVERY-th pixel (h, w); 0 where none are known."""
     found, some = given.found, (slice(None, None, EVERY),) * 2
     assert found.amplitude is not None
     assert found.offset is not None
     if any(axis.looked_up for axis in known.axes):
-        return np.zeros(found.flags.shape)
+        return np.zeros_like(given.residual)
+    amplitude, good = found.amplitude[some], found.flags[some] == 0
     noise = given.noise[0] + given.noise[1] * np.maximum(found.offset[some], 0)
-    amplitude = found.amplitude[some]
-    usual = float(np.median(amplitude[found.flags[some] == 0])) if found.good[some].any() else 1.0
+    usual = typical(amplitude[good]) if good.any() else 1.0
     square = given.residual * noise / np.square(np.maximum(amplitude, max(0.5 * usual, 1.0)))
-    return residual_windows(np.asarray(square, np.float32), found.flags)
+    return residual_windows(np.asarray(square, np.float32), good)
 
 
 def _seen(given: Decoded, at: I64, known: Plan) -> _Seen:
@@ -146,7 +150,7 @@ def _seen(given: Decoded, at: I64, known: Plan) -> _Seen:
     if given.matrix is not None:
         levels = np.tensordot(given.matrix.astype(np.float32), levels, 1)
     dark = cut(given.found.flags, at) & (Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID)
-    return _Seen(levels, whole, dark == 0, at, known, given.found)
+    return _Seen(levels, fits_of(levels, known), whole, dark == 0, at, known, given.found)
 
 
 def _unplaced(seen: _Seen, axis: AxisPlan) -> float:
@@ -154,63 +158,34 @@ def _unplaced(seen: _Seen, axis: AxisPlan) -> float:
     absolute = axis.code is not None or bool(axis.fringes and axis.fringes[0].period >= axis.extent)
     if axis.looked_up or not absolute or seen.lit[:, 1:-1, 1:-1].sum() < _FEWEST:
         return float("nan")
-    return 1 - float(places(seen.levels, axis, seen.plan, lit=seen.lit).share.mean())
+    return 1 - float(places(seen.levels, axis, seen.plan, seen.fits, lit=seen.lit)[0])
 
 
 def _mean_levels(seen: _Seen, axis: AxisPlan) -> float:
-    """A fringe's mean level off the median of all fringes', over its amplitude: constant and first harmonic
-    of its phase."""
-    every = [(fringe, fit_fringe(seen.levels, fringe)) for one in seen.plan.axes for fringe in one.fringes]
-    fits = [(fringe, fit) for fringe, fit in every if fit is not None]
-    if len(fits) < 2 or axis.looked_up:
-        return float("nan")
-    usual = np.median([fit[2] for _, fit in fits], axis=0)
-    figures = [np.nan]
-    for fringe, (turn, amplitude, offset, _) in fits:
-        if fringe in axis.fringes:
-            use = _bright(seen, fringe.index, amplitude)
-            figures.append(
-                _harmonic(((offset - usual) / amplitude)[None, use], turn[use], (1,), constant=True)
-            )
-    return float(np.nanmax(figures)) if np.isfinite(figures).any() else float("nan")
+    """Mean level of a fringe off the median of all fringes', over its amplitude: size of its constant and
+    first harmonic over the phase."""
+    every, worst = [fit for fits in seen.fits.values() for fit in fits if fit is not None], float("nan")
+    usual = np.median([fit.offset for fit in every], axis=0) if every else 0.0
+    for fringe, fit in zip(axis.fringes, seen.fits[axis.axis], strict=False):
+        if fit is not None and len(every) > 1:
+            use = fit.amplitude > _BRIGHT * np.quantile(fit.amplitude, 0.9)
+            use &= seen.whole[list(fringe.index)].all(axis=0)
+            off = np.asarray((fit.offset - usual) / fit.amplitude, np.float32)
+            worst = float(np.fmax(worst, _harmonic(off[use], fit.phase[use])))
+    return worst
 
 
-def _steps(seen: _Seen, axis: AxisPlan) -> float:
-    """Residual of a fringe's steps over its amplitude: constant and first harmonic, whatever the second."""
-    figures = [np.nan]
-    for fringe in axis.fringes if not axis.looked_up else ():
-        fit = fit_fringe(seen.levels, fringe)
-        if fit is not None and len(fringe.unlike):
-            use = _bright(seen, fringe.index, fit[1])
-            levels = seen.levels[list(fringe.index)][:, use]
-            off = np.clip(fringe.unlike @ levels / fit[1][use], -3, 3)
-            figures.append(_harmonic(off, fit[0][use], (1, 2), constant=False))
-    return float(np.nanmax(figures)) if np.isfinite(figures).any() else float("nan")
-
-
-def _bright(seen: _Seen, index: tuple[int, ...], amplitude: F32) -> Mask:
-    return np.asarray(
-        (amplitude > _BRIGHT * np.quantile(amplitude, 0.9)) & seen.whole[list(index)].all(axis=0)
-    )
-
-
-def _harmonic(off: NDArray[np.floating], turn: F32, waves: tuple[int, ...], *, constant: bool) -> float:
-    """Size of constant and first harmonic in deviations (M, K) at phases (K,); constant: alone where the
-    phases fill no turn, else NaN there."""
-    size = np.abs(off).max(axis=0, initial=0.0)
-    usual = size <= _PART * np.median(size) if size.size else np.zeros(0, np.bool_)
+def _harmonic(off: F32, turn: F32) -> float:
+    """Size of constant and first harmonic in deviations (K,) at phases (K,), of the constant where these fill
+    no turn."""
+    usual = np.abs(off) <= _PART * np.median(np.abs(off)) if off.size else np.zeros(0, np.bool_)
     if np.count_nonzero(usual) < _FEWEST:
         return float("nan")
     angle = 2 * np.pi * turn[usual].astype(np.float64)
-    columns = np.stack(
-        [np.ones_like(angle), *(f(k * angle) for k in waves for f in (np.cos, np.sin))], axis=1
-    )
+    columns = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     if np.linalg.cond(columns) > _TURN:
-        if not constant:
-            return float("nan")
         columns = columns[:, :1]
-    fit = np.linalg.lstsq(columns, off[:, usual].T.astype(np.float64), rcond=None)[0][:3]
-    return float(np.hypot.reduce(fit, axis=0).max())
+    return float(np.linalg.norm(np.linalg.lstsq(columns, off[usual].astype(np.float64), rcond=None)[0]))
 
 
 def _words(seen: _Seen, axis: AxisPlan) -> float:
@@ -218,8 +193,7 @@ def _words(seen: _Seen, axis: AxisPlan) -> float:
     or less than others."""
     if axis.code is None or not axis.fringes or axis.looked_up:
         return float("nan")
-    code, fit = axis.code, fit_fringe(seen.levels, axis.fringes[0])
-    fits = None if fit is None else (axis.fringes[0].period, *fit)
+    code, fits = axis.code, [fit for fit in seen.fits[axis.axis] if fit is not None]
     middle, width, decided = word_places(seen.levels, code, seen.plan, fits)
     cell = (middle[0] - code.origin - (code.cell - 1) / 2) / code.cell
     word = np.where(decided & (width <= 1.01 * code.cell), np.rint(cell), -1)
@@ -243,32 +217,26 @@ def _words(seen: _Seen, axis: AxisPlan) -> float:
 
 def _rough(seen: _Seen, axis: AxisPlan) -> float:
     """Share of the good pixels more than five sigma, two pattern px and twice the median step between pixels
-    off the median of 5 x 5."""
-    shape, off, count = seen.found.flags.shape, 0, 0
-    starts = (
-        [(0, 0)]
-        if shape[0] * shape[1] <= _ALL
-        else [
-            (int(y), int(x))
-            for y in np.linspace(0, shape[0] - _PATCH, _PATCHES)
-            for x in np.linspace(0, shape[1] - _PATCH, _PATCHES)
-        ]
+    off the median of 5 x 5, in patches."""
+    starts = [
+        np.unique(np.linspace(0, max(size - _PATCH, 0), min(-(-size // _PATCH), _PATCHES)).astype(int))
+        for size in seen.found.flags.shape
+    ]
+    place, sigma, flags = (
+        np.stack([image[y : y + _PATCH, x : x + _PATCH] for y, x in product(*starts)])
+        for image in (
+            *(getattr(seen.found, f"{name}{axis.axis}") for name in ("", "sigma_")),
+            seen.found.flags,
+        )
     )
-    side = max(shape) if len(starts) == 1 else _PATCH
-    for y, x in starts:
-        part = slice(y, y + side), slice(x, x + side)
-        good = seen.found.flags[part] == 0
-        use = good & (cv2.blur(good.astype(np.float32), (5, 5)) > 0.7)
-        use[:2], use[-2:], use[:, :2], use[:, -2:] = False, False, False, False
-        if use.any():
-            place = getattr(seen.found, axis.axis)[part].astype(np.float32)
-            sigma = getattr(seen.found, f"sigma_{axis.axis}")[part][use]
-            usual = cv2.medianBlur(np.where(good, place, np.median(place[good])), 5)
-            steps = (np.abs(np.diff(usual, axis=axis_of)) for axis_of in (0, 1))
-            least = max(2.0, 2 * max(float(np.median(step)) for step in steps))
-            off += int(np.count_nonzero(np.abs(place - usual)[use] > np.maximum(5 * sigma, least)))
-            count += int(np.count_nonzero(use))
-    return off / count if count >= _FEWEST else float("nan")
+    shape, rows = place.shape, (-1, place.shape[2])  # patches below each other
+    good = flags == 0
+    use = good & (cv2.blur(good.astype(np.float32).reshape(rows), (5, 5)).reshape(shape) > 0.7)
+    use[:, :2], use[:, -2:], use[..., :2], use[..., -2:] = False, False, False, False
+    usual = cv2.medianBlur(place.astype(np.float32).reshape(rows), 5).reshape(shape)
+    steps = [np.median(np.abs(np.diff(usual, axis=way)), axis=(1, 2), keepdims=True) for way in (1, 2)]
+    off = np.abs(place - usual) > np.maximum(5 * sigma, np.maximum(2, 2 * np.maximum(*steps)))
+    return float(off[use].mean()) if np.count_nonzero(use) >= _FEWEST else float("nan")
 
 
 #: The first that fails speaks; the first of all needs enough light.
@@ -277,10 +245,6 @@ TESTS = (
     _Test(
         "mean levels", 0.08,
         "fringes of {axis} have unequal mean levels: a picture is another, or of other light", _mean_levels,
-    ),
-    _Test(
-        "steps", 0.35,
-        "steps of {axis} lie on no sinusoid: a picture is another, or of other light", _steps,
     ),
     _Test(
         "words", 0.2,

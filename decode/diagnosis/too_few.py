@@ -33,17 +33,15 @@ _OTHERWISE = (
 _EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.
 _SIGMA = "sigma is"
-_NOTHING = Notice(
-    "no pixel fits the sequence", float("nan"), float("nan"),
-    "correct the order of the frames, or their description in capture.toml",
-)  # fmt: skip
+_NOTHING = Notice.plain(
+    "no pixel fits the sequence", "correct the order of the frames, or their description in capture.toml"
+)
 
 
 def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[Notice | None, bool]:
     """A notice where less than half of the lit pixels are good, or a sixth lies off the pattern; whether it
     is certain, else another notice may know better."""
     assert found.amplitude is not None
-    nan = float("nan")
     some = (slice(None, None, max(1, math.isqrt(found.flags.size // _SEEN))),) * 2
     flags, amplitude = found.flags[some], found.amplitude[some]
     inside = flags & Flag.INVALID == 0
@@ -65,13 +63,13 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     levels = light.raw[(slice(None), *some)][:, lit]
     means = light.raw[(slice(None), *some)].mean(axis=(1, 2))
     if good < _FEW and (exposed := _exposed_by_itself(means, amplitude[lit], sequence)):
-        return Notice(f"{good:.0%} of the lit pixels are good: {exposed}", nan, nan, _EXPOSE), True
+        return Notice.plain(f"{good:.0%} of the lit pixels are good: {exposed}", _EXPOSE), True
     places = {axis: getattr(found, axis)[some][lit].astype(np.float64) for axis in ("u", "v")}
     ample = float(np.median(amplitude[lit])) > _AMPLE * light.clip
     name, cure, certain = _cause(levels, light.clip, ample, places, sequence, share)
     if not certain and any(not one.name.startswith(_SIGMA) for one in found.notices):
         return None, False
-    return Notice(f"{good:.0%} of the lit pixels are good: {name}", nan, nan, cure), certain
+    return Notice.plain(f"{good:.0%} of the lit pixels are good: {name}", cure), certain
 
 
 def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: Sequence) -> str:
@@ -101,11 +99,8 @@ def _cause(
     most certain one first."""
     some = levels[:, :: 1 + levels.shape[1] // 4096]
     if any(axis.fringes for axis in plan(sequence).axes) and len(np.unique(some)) < 3:
-        return (
-            "the frames hold two levels only",
-            "fringes need grey values: capture without a threshold",
-            True,
-        )
+        cure = "fringes need grey values: capture without a threshold"
+        return "the frames hold two levels only", cure, True
     clipped = (some >= clip).mean(axis=1)
     coded = np.array([frame.axis is not None for frame in sequence.frames])
     if np.mean(clipped[coded] > 0.25) > 0.5 or share(Flag.SATURATED) > 0.5:
@@ -122,15 +117,11 @@ def _cause(
             return f"fringes are weak where frames differ by {swing:.0f} levels", _FOCUS, True
         cure = "expose longer, or show more steps (gray+phase:steps=16)"
         return f"the pattern is too weak for its sequence, {swing:.2g} levels", cure, True
+    cure = _OTHERWISE if ample else "most likely too little contrast: expose longer"
+    dust = "most likely dust or a rough mirror: clean it, or show longer periods"
     causes = {
-        Flag.ORDER_DOUBTFUL: (
-            "fringe orders are ambiguous",
-            _OTHERWISE if ample else "most likely too little contrast: expose longer",
-        ),
-        Flag.OUTLIER: (
-            "neighbouring pixels contradict each other",
-            "most likely dust or a rough mirror: clean it, or show longer periods",
-        ),
+        Flag.ORDER_DOUBTFUL: ("fringe orders are ambiguous", cure),
+        Flag.OUTLIER: ("neighbouring pixels contradict each other", dust),
         Flag.WRONG_FRAME: ("frames contradict each other", "capture again, or correct capture.toml"),
         Flag.OFF_PATTERN: ("the others lie beyond the pattern", "correct decode --pixels, or capture.toml"),
         Flag.SATURATED: ("samples clip", "expose less"),

@@ -1,19 +1,20 @@
 """Faults in a part of the image, by windows.
 
-Bits against fringes of an axis, 15 x 15 pixels, by a sample: in a right capture the fringe's place lies in
-the interval of the bits: over a window the mean of cos 2 pi (fringe - middle of the interval), over
-sinc(width / period), is 1 (real and drawn captures: .69 at least), and no place lies outside of its interval.
-A window below one half of whose places more than a tenth lie outside contradicts itself. Intervals nearly as
-wide as a period contradict nothing. Residuals of the fringes, 9 x 9 pixels: mean square over its median.
+Bits against fringes of an axis, 15 x 15 pixels, in large images 30 x 30 by a sample: in a right capture the
+fringe's place lies in the interval of the bits: over a window the mean of cos 2 pi (fringe - middle of the
+interval), over sinc(width / period), is 1 (real and drawn captures: .69 at least), and no place lies outside
+of its interval. A window below one half of whose places more than a tenth lie outside contradicts itself.
+Intervals nearly as wide as a period contradict nothing.
+Residuals of the fringes, 12 x 12 pixels: mean square over its median.
 """
 
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, F64, I64
+from optolever.kernels import F32, I64
 
 from ..codes.bits import BitTable, ends_row, read_row
 from ..codes.fringe import FringeTable, fit_row
@@ -21,11 +22,12 @@ from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
 from ..records import Flag
 
-__all__ = ["EVERY", "contradictions", "residual_windows"]
+__all__ = ["EVERY", "contradictions", "residual_windows", "spread", "typical"]
 
 Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
-#: Side of a tile, pixels, three of which are a window's; samples of one; pixels up to which all are samples.
+#: Side of a tile, pixels, three of which are a window's, twice as large in images of more pixels than _ALL,
+#: of which smaller ones take all; samples of a tile.
 _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
 #: Least mean phasor of a window, by one sample of a tile and by all; greatest share outside; slack of an
 #: interval, periods; its widths, periods, up to which phasors and shares count; places for a quantile.
@@ -35,17 +37,16 @@ _COHERENT, _SHIFT, _MOVED = 0.75, 0.06, 0.2
 #: Share of the windows from which on an axis has no good pixel.
 _MOST = 0.5
 #: Pixels between the residuals along either axis; least median of their squares, amplitudes^2.
-EVERY, _LITTLE = 3, 0.06**2
+EVERY, _LITTLE = 4, 0.06**2
 #: No pixel's samples count with these flags.
 _UNLIT = Flag.DARK | Flag.LOW_CONTRAST | Flag.SATURATED | Flag.INVALID
 
 
 class _View(NamedTuple):
-    """Sample pixels (K,) of one axis: tile; phase, periods; middle and width of the bits' interval, px; what
-    the fringe is off the middle, periods, and its phasor."""
+    """Sample pixels (K,) of one axis: tile; middle and width of the bits' interval, px; fringe less
+    middle, periods, and exp 2 pi i of it over sinc of the width."""
 
     tile: I64
-    phase: F32
     middle: F32
     width: F32
     off: F32
@@ -56,17 +57,28 @@ class _View(NamedTuple):
         return np.asarray(np.abs(self.off) > 0.5 / period * self.width + _SLACK)
 
 
-def residual_windows(square: F32, flags: NDArray[np.uint16]) -> F64:
-    """Mean square of the fringes' residuals over its median, in windows of three by three pixels of every
-    EVERY-th one, as an image (H, W); square (h, w): amplitudes^2; 0 where none of a window is good."""
-    good = flags[::EVERY, ::EVERY] == 0
-    number, total = (
-        scipy.ndimage.uniform_filter(one, 3, mode="constant")
-        for one in (good.astype(np.float64), np.where(good, square, 0.0).astype(np.float64))
-    )
-    usual = max(float(np.median(square[good])), _LITTLE) if good.any() else 1.0
-    ratio = total / np.maximum(number, 1e-9) / usual
-    return np.repeat(np.repeat(ratio, EVERY, axis=0), EVERY, axis=1)[: flags.shape[0], : flags.shape[1]]
+def spread(some: Mask, side: int, shape: tuple[int, ...]) -> Mask:
+    """An image of this shape from one of its tiles."""
+    return np.repeat(np.repeat(some, side, axis=0), side, axis=1)[: shape[0], : shape[1]]
+
+
+def typical(values: F32) -> float:
+    """Median of some of the values (K,)."""
+    return float(np.median(values[:: 1 + len(values) // _FEW]))
+
+
+def _sums(image: NDArray[Any]) -> F32:
+    """Over 3 x 3 around each place of an image (h, w)."""
+    own, anchor = np.asarray(image, np.float32), (-1, -1)
+    return np.asarray(cv2.boxFilter(own, -1, (3, 3), None, anchor, False, cv2.BORDER_CONSTANT), np.float32)
+
+
+def residual_windows(square: F32, good: Mask) -> F32:
+    """Mean square of the fringes' residuals over its median, around each of the pixels (h, w), every EVERY-th
+    one of the image; square: amplitudes^2; 0 where none of a window is good."""
+    usual = max(typical(square[good]), _LITTLE) if good.any() else 1.0
+    mean = _sums(np.where(good, square, 0)) / np.maximum(_sums(good), np.float32(0.1))
+    return np.asarray(mean / np.float32(usual))
 
 
 def contradictions(
@@ -80,13 +92,14 @@ def contradictions(
     """Pixels (H, W) where bits and fringes contradict each other, and their share of each axis that has both;
     moved: a mirror that moves shifts bits and fringes."""
     wrong, shares = np.zeros(flags.shape, np.bool_), dict[str, float]()
-    shape = -(-flags.shape[0] // _TILE), -(-flags.shape[1] // _TILE)
+    side = _TILE if flags.size <= _ALL else 2 * _TILE
+    shape = -(-flags.shape[0] // side), -(-flags.shape[1] // side)
     for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
         if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
         shares[axis.axis] = 0.0
         for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
-            view = _view(flags, light, noise, fringes, code, count)
+            view = _view(flags, light, noise, fringes, code, side, count)
             bad, known = _windows(view, float(fringes.period[0]), shape, least)
             everywhere = _everywhere(axis, view, _MOVED if moved else _SHIFT)
             if not (everywhere or bad.any()):
@@ -95,21 +108,19 @@ def contradictions(
             share = float(bad.sum() / max(known.sum(), 1))
             everywhere = everywhere or share > _MOST
             shares[axis.axis] = 1.0 if everywhere else share
-            bad = np.ones_like(bad) if everywhere else scipy.ndimage.maximum_filter(bad, 3)
-            tiles = np.repeat(np.repeat(bad, _TILE, axis=0), _TILE, axis=1)
-            wrong |= tiles[: flags.shape[0], : flags.shape[1]]
+            wrong |= True if everywhere else spread(_sums(bad) > 0, side, flags.shape)
     return wrong, shares
 
 
-def _places(shape: tuple[int, ...], count: int) -> tuple[I64, I64]:
+def _places(shape: tuple[int, ...], side: int, count: int) -> tuple[I64, I64]:
     """Rows and columns of the samples: some of every tile, at irregular places, or all pixels."""
     if shape[0] * shape[1] <= _ALL:
         row, col = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
         return row, col
-    rows, cols = shape[0] // _TILE, shape[1] // _TILE
-    down, along = (np.random.default_rng(0).integers(0, _TILE, (rows, one, count)) for one in (1, cols))
-    row = np.broadcast_to(_TILE * np.arange(rows)[:, None, None] + down, along.shape)  # few lines of memory
-    return row.ravel(), (_TILE * np.arange(cols)[:, None] + along).ravel()
+    rows, cols = shape[0] // side, shape[1] // side
+    down, along = (np.random.default_rng(0).integers(0, side, (rows, one, count)) for one in (1, cols))
+    row = np.broadcast_to(side * np.arange(rows)[:, None, None] + down, along.shape)  # few lines of memory
+    return row.ravel(), (side * np.arange(cols)[:, None] + along).ravel()
 
 
 def _view(
@@ -118,11 +129,12 @@ def _view(
     noise: tuple[np.float32, np.float32],
     fringe: FringeTable,
     code: BitTable,
+    side: int,
     count: int,
 ) -> _View:
     """Samples that are no doubt by themselves, so many of a tile."""
-    (row, col), width = _places(flags.shape, count), flags.shape[1]
-    tile, place = row // _TILE * -(-width // _TILE) + col // _TILE, row * width + col
+    (row, col), width = _places(flags.shape, side, count), flags.shape[1]
+    tile, place = row // side * -(-width // side) + col // side, row * width + col
     lit = flags.ravel()[place] & _UNLIT == 0
     tile, place = tile[lit], place[lit]
     raw, used = (
@@ -131,7 +143,7 @@ def _view(
     )
     few = np.zeros((len(raw), 1, len(place)), raw.dtype)
     for i in used - {-1}:
-        np.take(raw[i], place, out=few[i, 0])
+        np.take(raw[i], place, out=few[i, 0], mode="clip")  # the others buffer
     lines, words, doubt = np.zeros((15, len(place)), np.float32), *np.zeros((2, 2, len(place)), np.int32)
     offset, amplitude, phase, variance, middle, reach, error, chi2, low, high = lines[5:]
     fit = lines[:4], np.zeros_like(few[0, 0]), offset, amplitude, phase, variance
@@ -141,29 +153,21 @@ def _view(
     else:
         ends_row(few, light[1], code.ends, 0, low, high)
     read_row(few, light[1], noise, code, 0, low, high, lines[:3], words, middle, reach, error, doubt[0])
-    period = float(fringe.period[0])
+    period = fringe.period[0]
     kept = (doubt[0] == 0) & (2 * reach < _WIDE * period)
-    maps = phase[kept], middle[kept], 2 * reach[kept]
-    return _View(tile[kept], *maps, *_phasors(*maps, period))
-
-
-def _phasors(phase: F32, middle: F32, width: F32, period: float) -> tuple[F32, NDArray[np.complex64]]:
-    """Fringe less middle, periods, and exp 2 pi i of it over sinc of the width, (K,)."""
-    off = phase - middle / np.float32(period)
+    middle, width = middle[kept], 2 * reach[kept]
+    off = phase[kept] - middle / period
     off -= np.rint(off)
-    turn, share = np.float32(2 * np.pi) * off, np.sinc(np.minimum(width / np.float32(period), _NARROW))
-    z = np.empty(off.shape, np.complex64)
-    z.real, z.imag = np.cos(turn) / share, np.sin(turn) / share
-    return off, z
+    z = np.exp(np.complex64(2j * np.pi) * off) / np.sinc(np.minimum(width / period, _NARROW))
+    return _View(tile[kept], middle, width, off, z.astype(np.complex64))
 
 
 def _windows(view: _View, period: float, shape: tuple[int, ...], least: float) -> tuple[Mask, Mask]:
     """Tiles amid a window that contradicts itself; those amid enough pixels."""
     outside, narrow, count = view.outside(period), view.width <= _NARROW * period, int(np.prod(shape))
 
-    def sums(weights: NDArray[Any] | None) -> F64:
-        whole = np.bincount(view.tile, weights, count).reshape(shape).astype(np.float64)
-        return np.asarray(9 * scipy.ndimage.uniform_filter(whole, 3, mode="constant"))
+    def sums(weights: NDArray[Any] | None) -> F32:
+        return _sums(np.bincount(view.tile, weights, count).reshape(shape))
 
     number = sums(None)
     narrower = number if narrow.all() else sums(narrow)
