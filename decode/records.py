@@ -15,7 +15,7 @@ from optolever.errors import InputError
 from optolever.files import save_arrays
 from optolever.notices import Judged, Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
-from optolever.schema import load_record
+from optolever.schema import load_record, require_shapes
 
 __all__ = ["Correspondence", "Flag", "SharedNoise"]
 
@@ -54,10 +54,6 @@ class SharedNoise(NamedTuple):
     lens_v: float = 0.0
 
 
-#: Fields of records that are not maps.
-_NO_MAPS = ("notices", "shared_noise", "tests")
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Correspondence(Comparable):
     """Per camera pixel, all (H, W).
@@ -87,14 +83,7 @@ class Correspondence(Comparable):
     tests: tuple[Judged, ...] = ()
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.u)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in _NO_MAPS or value is None:
-                continue
-            if np.shape(value) != shape or len(shape) != 2:
-                found = f"{field.name} has shape {np.shape(value)}"
-                raise InputError(f"correspondence: {found}, must be 2-D like u {shape}")
+        require_shapes(self)
         if np.asarray(self.flags).dtype.kind not in "ui":
             raise InputError(f"correspondence: flags is {np.asarray(self.flags).dtype}, must be integer")
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
-from optolever.files import load_arrays
+from optolever.files import load_arrays, plain
 
-__all__ = ["built", "from_json", "load_record"]
+__all__ = ["built", "from_json", "from_table", "load_record", "require_shapes"]
 
 T = TypeVar("T")
 #: Of a kind of values: its name in messages, and the types that it accepts.
@@ -65,6 +65,31 @@ def load_record(
 def from_json(kind: Any, text: Any, name: str) -> Any:
     """A value of a type from its JSON. InputError, which begins with the name."""
     return built(kind, _parsed(text, name), name)
+
+
+def from_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
+    """A record from a table of TOML. InputError, which begins with `where`, of unknown fields and of numbers
+    that are not finite, too."""
+    known = _hints(cast(Any, kind))
+    try:
+        for name, value in table.items():
+            if name not in known:
+                raise InputError(f"unknown field {name!r}, known are {', '.join(known)}")
+            if plain(value) != value:
+                raise _wrong(name, value, "finite")
+        found: T = _record(kind, table, "", {}, {})
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return found
+
+
+def require_shapes(record: Any) -> None:
+    """InputError unless the arrays of a record have the shapes of its annotations."""
+    extents: Extents = {}
+    for name, (hint, _) in _hints(cast(Any, type(record))).items():
+        for part in (hint, *get_args(hint)):
+            if get_origin(part) is Annotated and (value := getattr(record, name)) is not None:
+                _require_shape(part.__metadata__[0], value, f"{type(record).__name__}.{name}", extents)
 
 
 def _parsed(text: Any, name: str) -> Any:

@@ -1,14 +1,15 @@
 """A rig's devices: `[devices]` and `[sync]` of its TOML, changes of them as KEY=VALUE, and both opened."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from optolever.errors import InputError
 from optolever.patterns import Sequence
 from optolever.scene import Scene, dent_from_text, load, rig_table
+from optolever.schema import from_table
 
 from .acquisition import Arrivals, ClockMap, Taken, Timing, acquire
 from .cameras import Replay, StillCamera, open_camera
@@ -18,10 +19,6 @@ from .monitors import choose_monitor
 from .virtual import capture
 
 __all__ = ["Devices", "Opened", "devices_of", "opened", "timing_of"]
-
-_KINDS: Mapping[Any, tuple[Any, str]] = {str: (str, "text"), int: (int, "whole number")}
-_NUMBER: tuple[Any, str] = (int | float, "number")
-_TRIGGERS = ("free", "software", "hardware")
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ class Devices:
     row: int = 0
     col: int = 0
     fps: float | None = None
-    trigger: str = "free"
+    trigger: Literal["free", "software", "hardware"] = "free"
     focus: int | None = None
     format: str = ""
 
@@ -107,23 +104,14 @@ class Opened:
 
 def devices_of(rig: Path, changes: Iterable[str] = ()) -> Devices:
     """[devices] of a rig, changed by KEY=VALUE. InputError names the field."""
-    where = f"{rig}: [devices]:"
-    table = _table(rig).get("devices", {}) | dict(map(_change, changes))
-    known = {field.name: field.type for field in fields(Devices)}
-    for name, value in table.items():
-        if name not in known:
-            raise InputError(f"{where} unknown field {name!r}, known are {', '.join(known)}")
-        kind, word = _KINDS.get(known[name], _NUMBER)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise InputError(f"{where} {name} is {value!r}, must be a {word}")
-        if name in ("exposure_ms", "fps") and not value > 0:
-            raise InputError(f"{where} {name} is {value!r}, must be above 0")
-    devices = Devices(**table)
-    if devices.trigger not in _TRIGGERS:
-        raise InputError(f"{where} trigger is {devices.trigger!r}, must be one of {', '.join(_TRIGGERS)}")
+    where = f"{rig}: [devices]"
+    devices = from_table(Devices, _table(rig).get("devices", {}) | dict(map(_change, changes)), where)
+    for name, value in (("exposure_ms", devices.exposure_ms), ("fps", devices.fps)):
+        if value is not None and not value > 0:
+            raise InputError(f"{where}: {name} is {value!r}, must be above 0")
     if not devices.camera:
         cure = "give --set camera=ADDRESS (optolever camera devices)"
-        raise InputError(f"{where} camera is missing; {cure}")
+        raise InputError(f"{where}: camera is missing; {cure}")
     return devices
 
 

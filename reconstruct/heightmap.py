@@ -19,7 +19,7 @@ from optolever.files import save_arrays
 from optolever.maps import MESHES, chosen, write_tiff
 from optolever.notices import Judged, Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
-from optolever.schema import from_json, load_record
+from optolever.schema import from_json, load_record, require_shapes
 
 from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
@@ -32,7 +32,6 @@ HEIGHT_FORMATS = (*GRID_FORMATS, *MESHES)
 
 #: Source of those own modes that maps of one rest capture have in common.
 REST_NOISE = "noise of the rest capture in sag and motion"
-_ARRAYS = ("x", "y", "z", "sigma", "flags")
 _MOST = 1e9  # mm
 _SINGLE = ("x", "y", "z", "sigma", "lean", "shared", "free")  # float32 in files
 
@@ -144,20 +143,19 @@ class HeightMap(Comparable):
     free: Annotated[Floats, "H W"] | None = None
 
     def __post_init__(self) -> None:
+        require_shapes(self)
         shape, count, step = np.shape(self.z), self.count, self.modes_step
-        if len(shape) != 2 or step < 1 or not 0 <= self.own <= count:
-            steps = f"modes_step = {step}, at least 1; own = {self.own}, 0 to {count}"
-            raise InputError(f"height map: z has shape {shape}, must be 2-D; {steps}")
+        if step < 1 or not 0 <= self.own <= count:
+            steps = f"modes_step is {step}, must be at least 1; own {self.own}, must be 0 to {count}"
+            raise InputError(f"height map: {steps}")
         if not 0 <= self.sinking < math.inf:
             raise InputError(f"height map: sinking is {self.sinking}, must be a length from 0, mm")
         moves = count if self.displacement is None else max(count, len(self.displacement))
         shapes: dict[str, tuple[tuple[int, ...], ...]] = {
-            **dict.fromkeys(_ARRAYS, (shape,)),
             "lean": ((2, *shape), (2, 1, 1)),
             "modes": ((count, *((size - 1) // step + 1 for size in shape)),),
             "displacement": ((moves, 2, 3),),
             "shared": ((len(self.references), *shape),),
-            "free": (shape,),
         }
         if count:
             shapes["shares"] = ((len(self.sources), count, count),)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from optolever.errors import InputError
+from optolever.schema import from_table
 
 from ..devices import Accepted
 
@@ -13,7 +14,6 @@ __all__ = ["SAFE_WAIT_S", "Timing"]
 
 #: Without a measurement: the wait of public rigs for slow displays, 30 refreshes at 60 Hz.
 SAFE_WAIT_S = 0.5
-_KINDS = {"trigger": "text", "camera": "text", "display": "text", "sigma_s": "table of numbers"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,23 +93,4 @@ class Timing:
     @classmethod
     def from_table(cls, table: Mapping[str, Any], where: str) -> "Timing":
         """Inverse of to_table. InputError names `where` and the field."""
-        known = {field.name: field for field in fields(cls)}
-        for name, value in table.items():
-            if name not in known:
-                raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
-            kind = _KINDS.get(name, "number")
-            if not _is(kind, value):
-                raise InputError(f"{where}: {name} is {value!r}, must be a {kind}")
-        missing = [name for name in list(known)[:8] if name not in table]
-        if missing:
-            raise InputError(f"{where}: {missing[0]} is missing; run optolever camera sync")
-        return cls(**table)
-
-
-def _is(kind: str, value: object) -> bool:
-    match kind:
-        case "text":
-            return isinstance(value, str)
-        case "number":
-            return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return isinstance(value, Mapping) and all(_is("number", one) for one in value.values())
+        return from_table(cls, table, f"{where} (by optolever camera sync)")

@@ -19,7 +19,7 @@ from optolever.errors import InputError
 from optolever.files import save_arrays
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.scene import Scene
-from optolever.schema import load_record
+from optolever.schema import load_record, require_shapes
 
 from ..arrays import Floats, Mask
 from ..geometry import pattern_plane, ray_field
@@ -53,11 +53,7 @@ class SlopeMap(Comparable):
     modes_step: int = 1
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.x)
-        for name in _ARRAYS:
-            found = np.shape(getattr(self, name))
-            if found != shape or len(shape) != 2:
-                raise InputError(f"slope map: {name} has shape {found}, must be 2-D like x {shape}")
+        require_shapes(self)
 
     def __repr__(self) -> str:
         good = self.good

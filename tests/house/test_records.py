@@ -61,7 +61,7 @@ def test_equality_is_of_what_is_held_and_never_raises(chain: Chain, derived: tup
 def test_maps_of_other_shapes_or_types_are_refused(chain: Chain) -> None:
     where = chain[-2]
     for other, words in (
-        ({"sigma_u": np.zeros((3, 3))}, r"sigma_u has shape \(3, 3\), must be 2-D like u"),
+        ({"sigma_u": np.zeros((3, 3))}, r"sigma_u has shape \(3, 3\), must be H \(40\) x W \(40\)"),
         ({"flags": np.zeros(where.u.shape)}, "flags is float64, must be integer"),
     ):
         with pytest.raises(InputError, match=words):
