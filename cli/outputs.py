@@ -3,13 +3,12 @@
 An output is an option of type `OutputFile` or `ReportFolder`; all other files are inputs.
 """
 
-import csv
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,8 @@ HDF5 = (".h5", ".hdf5")
 GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat", ".wft", ".csv", ".npy")
 #: Files of captures and of recordings, beside results of the same suffix.
 _OF_CAPTURE = ("truth.npz", "prepared.npz")
-FIGURES = "figures.csv"
 #: Of a report's folder; in full.
-PAGE = ("report.html", FIGURES, "height.npz", "deviation.npz")
+PAGE = ("report.html", "figures.csv", "height.npz", "deviation.npz")
 PAGE_IN_FULL = ("correspondence.npz", "slopes.npz")
 HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
 
@@ -120,7 +118,7 @@ class Program(click.Command):
             if isinstance(kind, ReportFolder):
                 names = (*kind.files, *(kind.full if parameters.get("full") else ()))
                 ol.files.require_folder(value, *names)
-                outputs += [Output(value / name, _in_figures) for name in names]
+                outputs += [Output(value / name, _of_page) for name in names]
                 folders.add(value.absolute())
             elif isinstance(kind, NewFolder):
                 ol.files.require_new_folder(value)
@@ -196,24 +194,24 @@ def _of_rig(rig: Path, path: Path) -> bool:
     """Whether a file beside a rig's TOML is the rig's: the TOML names it; a picture, and the rest of `live`,
     has this program's mark."""
     if path.name.endswith((".png", ".live.npz")):
-        content = path.read_bytes()
-        return ol.files.MARK in content[:512] + content[-64:]
-    return rig.is_file() and path.name in _texts(rig.read_text("utf-8", "replace"))
+        return _marked(path)
+    return rig.is_file() and path.name in _strings(rig)
 
 
-def _in_figures(path: Path) -> bool:
-    """Whether figures.csv beside it states its size and time."""
-    rows = list[list[str]]()
-    with (
-        suppress(OSError, UnicodeDecodeError, csv.Error),
-        (path.parent / FIGURES).open("r", -1, "utf-8") as file,
-    ):
-        rows = list(csv.reader(file))
-    if path.name == FIGURES:
-        return rows[:1] == [["name", "value", "sigma", "unit"]]
-    known = {row[0]: row[1] for row in rows if len(row) == 4}
-    size, time = (known.get(f"{path.name}, {unit}") for unit in ("bytes", "ns"))
-    return [size, time] == [str(each) for each in ol.files.stamps(path).get("", ())]
+def _of_page(path: Path) -> bool:
+    """Whether a file is of a report: its folder has a page with this program's mark and a table of figures,
+    and a file of arrays has the mark, too."""
+    page, table = (path.with_name(name) for name in PAGE[:2])
+    return (
+        all(_marked(each) for each in {page, path} - {table})
+        and table.is_file()
+        and table.read_bytes().startswith(b"name,value,sigma,unit\n")
+    )
+
+
+def _marked(path: Path) -> bool:
+    content = path.read_bytes() if path.is_file() else b""
+    return ol.files.MARK in content[:512] + content[-64:]
 
 
 def files_named(value: Any) -> list[Path]:
@@ -221,11 +219,17 @@ def files_named(value: Any) -> list[Path]:
     names = {name for each in (value if isinstance(value, tuple) else (value,)) for name in _texts(str(each))}
     files = {Path(name) for name in names if os.path.isfile(name)}
     for file in [file for file in files if file.suffix == ".toml"]:
-        inside = (file.parent / name for name in _texts(file.read_text("utf-8", "replace")))
-        files |= {each for each in inside if os.path.isfile(each)}
+        files |= {file.parent / name for name in _strings(file) if os.path.isfile(file.parent / name)}
     return sorted(files)
 
 
+def _strings(toml: Path) -> set[str]:
+    """The strings of a TOML file, and their parts."""
+    text = toml.read_text("utf-8", "replace")
+    return {part for string in re.findall("[\"'](.+?)[\"']", text) for part in _texts(string)}
+
+
 def _texts(text: str) -> set[str]:
-    """A text and its parts, as in relief:path=picture.png, or the strings of TOML."""
-    return {text, *re.split("[:=,\"'\n]", text)} - {""}
+    """All that stands between two marks at which commands split a text, as in relief:path=picture.png."""
+    cuts = [-1, *(mark.start() for mark in re.finditer("[:=,@]", text)), len(text)]
+    return {text[start + 1 : end] for start, end in combinations(cuts, 2)} - {""}

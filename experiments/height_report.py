@@ -2,7 +2,6 @@
 report/measurement.html.
 """
 
-import math
 import time
 from collections.abc import Callable
 from contextvars import copy_context
@@ -14,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from optolever.blocks import at_once
-from optolever.files import latest, save_arrays, stamps, together
+from optolever.files import save_arrays, together
 from optolever.metrology import ZernikeFit
 from optolever.patterns import Frame
 from optolever.projector import Capture
@@ -82,9 +81,6 @@ def _write(study: Study, path: str | Path, seconds: Callable[[], dict[str, float
         names = [*study.given.saved, *made, "figures.csv"]
         files = {name: text for name, text in FILES.items() if name in names}
         write_page(path, "measurement.html", seconds(), context | {"files": files})
-        for name in (*made, Path(path).name):  # a later page of this folder may replace them
-            for unit, number in zip(("bytes", "ns"), stamps(latest(folder / name))[""], strict=True):
-                figures.rows[f"{name}, {unit}"] = number, math.nan, unit
         figures.save(folder / "figures.csv")
 
 
