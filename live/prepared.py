@@ -85,6 +85,8 @@ class Prepared:
             for name, value in _flat(made, ""):
                 if np.ndim(value) and not (np.size(value) and np.isfinite(value).all()):
                     raise InputError(f"{name} is empty or not finite; prepare the rig again")
+            if not (made.noise.displacement > 0).all():
+                raise InputError("noise.displacement must be above 0; prepare the rig again")
             rows, cols = (carriers.cell * cells for cells in carriers.shape)
             if carriers.cell not in CELLS or carriers.lit.shape != (rows, cols):
                 found = f"has {carriers.lit.shape} pixels in cells of {carriers.cell}"

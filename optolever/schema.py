@@ -37,6 +37,7 @@ _FAMILIES = (
     (np.str_, "U", "text"),
 )
 _LARGEST = 1 << 63
+_HUGE = 1e18  # of an array, in its unit: squares fit in single precision
 Extents = dict[str, int]
 
 
@@ -186,6 +187,8 @@ def _array(dtype: Any, value: Any, name: str) -> Any:
         if issubclass(kind, family):
             if not isinstance(value, np.ndarray) or value.dtype.kind not in known:
                 raise _wrong(name, value, f"an array of {words}")
+            if value.dtype.kind == "f" and (np.isfinite(value) & (np.abs(value) > _HUGE)).any():
+                raise InputError(f"{name} holds numbers above {_HUGE:g}, whose squares are none")
             return value.astype(kind, copy=False) if family is np.floating and kind is not family else value
     raise TypeError(f"{name}: {dtype} has no rule")
 

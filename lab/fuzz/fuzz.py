@@ -76,6 +76,7 @@ _GIVEN = 0.25
 _RECONSTRUCT = "reconstruct @/c.npz --scene @/scene.toml --out @/out.npz"
 _DECODE = "decode @/capture --out @/out.npz"
 _CAPTURE = "simulate --renderer numpy --out @/out"
+_MASKS = ("mask.png", "mask.tif")
 _GRIDS = (".npz", ".csv", ".sdf", ".dat", ".x3p", ".tif", ".npy")
 #: A kind, a file of it (or a folder of them) that is damaged, and a command that reads that.
 _KINDS: tuple[tuple[str, str, str], ...] = (
@@ -84,10 +85,11 @@ _KINDS: tuple[tuple[str, str, str], ...] = (
     ("capture", "capture/capture.toml", _DECODE),
     ("sequence", "sequence.toml", f"{_CAPTURE} --scene @/scene.toml --sequence @/sequence.toml"),
     ("frames", "capture/frames", _DECODE),
-    ("masks", "mask.png", f"{_DECODE} --mask @/mask.png"),
-    ("masks", "mask.png", f"{_RECONSTRUCT} --mask @/mask.png"),
-    ("masks", "mask.tif", f"{_DECODE} --mask @/mask.tif"),
-    ("masks", "mask.tif", f"{_RECONSTRUCT} --mask @/mask.tif"),
+    *(
+        ("masks", mask, f"{command} --mask @/{mask}")
+        for mask in _MASKS
+        for command in (_DECODE, _RECONSTRUCT)
+    ),
     ("arrays", "c.npz", _RECONSTRUCT),
     ("arrays", "truth.npz", f"{_RECONSTRUCT} --truth @/truth.npz"),
     ("arrays", "rest.npz", f"{_RECONSTRUCT} --rest @/rest.npz"),
@@ -99,7 +101,6 @@ _KINDS: tuple[tuple[str, str, str], ...] = (
     ("rig", "rig.calibration.npz", "reconstruct @/c.npz --scene @/rig.toml --no-rest --out @/out.npz"),
     ("rig", "rig.profile.npz", f"{_DECODE} --profile @/rig.toml"),
     ("rig", "rig.response.npz", f"{_DECODE} --response @/rig.toml"),
-    ("stack", "stack.npy", "decode @/stack.npy --description @/sequence.toml --out @/out.npz"),
     ("stack", "stack.npy", "decode @/stack.npy --description @/sequence.toml --out @/out.npz"),
     ("recording", "film/log.jsonl", "camera replay @/film"),
     ("recording", "film/frames.zst", "camera replay @/film"),
@@ -296,8 +297,8 @@ def _base(folder: Path) -> Path:
     _maps(folder, scene)
     _rig(folder, scene, taken)
     _film(folder / "film")
-    cv2.imwrite(str(folder / "mask.png"), np.full(_SIZE, 255, np.uint8))
-    cv2.imwrite(str(folder / "mask.tif"), np.full(_SIZE, 255, np.uint8))
+    for mask in _MASKS:
+        cv2.imwrite(str(folder / mask), np.full(_SIZE, 255, np.uint8))
     return folder
 
 

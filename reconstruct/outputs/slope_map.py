@@ -102,7 +102,10 @@ class SlopeMap(Comparable):
     @classmethod
     def load(cls, path: str | Path) -> SlopeMap:
         """Read what save() wrote; InputError names the file and the field."""
-        return load_record(cls, path)
+        found = load_record(cls, path)
+        if any((sigma[found.good] <= 0).any() for sigma in (found.sigma_x, found.sigma_y)):
+            raise InputError(f"{path}: sigma_x, sigma_y must be above 0 at pixels without a flag")
+        return found
 
 
 def slope_map(
