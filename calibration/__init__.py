@@ -9,11 +9,11 @@
 | `priors.py` | priors of a scene's parameters: free, fixed, or known with a sigma; the gauge |
 | `model.py` | ray tracing of pixels by a target to the pattern |
 | `adjust.py` | the bundle adjustment and its covariance |
-| `start.py` | closed-form start values, in open air |
+| `initial_pose.py` | closed-form start values, in open air |
 | `judgement.py` | contribution of each capture to the accuracy |
 | `rest.py` | the height map of the mirror at rest, stored with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, stored with the rig |
-| `sources.py` | the independent errors behind the covariance |
+| `error_budget.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
 | `typed_faults.py` | typed numbers that contradict the camera |

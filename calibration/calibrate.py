@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever import arguments
+from optolever import checks as arguments
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
 from .effects import Effects, effects
+from .error_budget import error_sources
+from .initial_pose import open_air_start
 from .observability import MOST_CHI, Direction, beyond_priors, directions, notices
 from .observation import Observation, Sample, against_rest, checked, frame_of, sampled
 from .priors import GAUGE, is_pose, resolved
-from .sources import error_sources
-from .start import open_air_start
 from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["Calibration", "calibrate", "left_out"]

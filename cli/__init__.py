@@ -6,16 +6,11 @@
 - `options`, `names`: arguments of several commands (--json, --pixels, scenes); --list
 - `outputs`: output files, checked before any work
 - `batch`, `workers`: many captures by one command; processes and clusters that run them; `warm`: for them
-- `show`: tables, progress, JSON
-- `rig_devices`, `rig_capture`, `rig_targets`: the devices of a rig opened; a capture by them;
-  captures of targets for `calibrate`; rest and frames for `live`
-- `questions`: the questions about a rig, of `rig new` and `start`
-- `start`: the walk from a camera to a live height; `start_steps`: its steps;
-  `start_front`: who asks, on the terminal; `start_page`: on a page; `views`: pictures to aim by
-- one file a command, named as it: `demo`, `doctor`, `rig`, `simulate`, `decode`, `explain`, `reconstruct`,
-  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `expose`, `sync`, `record`,
-  `replay`, `measure`; `form`, `export`, `sample`, `response`;
-  `window` is the command `show`
+- `printing`: tables, progress, JSON
+- `rig/`: `rig new`, `start`, `camera expose`, `camera sync`; devices of a rig opened, captures by them
+- one file a command, named as it: `demo`, `doctor`, `simulate`, `decode`, `explain`, `reconstruct`,
+  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `record`, `replay`, `measure`; `form`,
+  `export`, `sample`, `response`; `window` is the command `show`
 """
 
 from .app import main, run

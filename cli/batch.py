@@ -23,7 +23,7 @@ from optolever.errors import reason_of
 from optolever.quantities import quantity
 
 from .outputs import Output, OutputFile, Program, files_named, require_apart
-from .show import progress
+from .printing import progress
 from .workers import Outcome, Run, Task, workers
 
 #: Parameters that change no result.

@@ -18,8 +18,8 @@ from optolever.quantities import quantity, two_digits
 from .arguments import Arg, Opt, Rare, program
 from .options import Json, RigFile, Size, correspondence_of, load_scene, name_unused, preset
 from .outputs import OutputFile
-from .rig_targets import Calibrate, answer_at, capture_targets, so_far_text
-from .show import grid, number, print_notices, progress, table, write_json
+from .printing import grid, number, print_notices, progress, table, write_json
+from .rig.targets import Calibrate, answer_at, capture_targets, so_far_text
 
 #: Sections of a rig's file that stay as they are, and the reason.
 _UNUSED = {
@@ -134,7 +134,7 @@ def command(
             found.scene.save(out, keep=name)
             if page is not None:
                 took = {"adjust": numbers["seconds"]}
-                ol.experiments.write_rig_report(scene, found, numbers["judged"], took, page)
+                ol.report.write_rig_report(scene, found, numbers["judged"], took, page)
             write_json(json_path, numbers)
     print_notices(found.notices)
     print_notices(ol.calibration.unused_accuracy(scene))
@@ -156,7 +156,7 @@ def _print(found: "ol.calibration.Calibration", numbers: dict[str, Any]) -> None
         name: each | ({"left_out": chis[name]} if chis else {}) for name, each in numbers["judged"].items()
     }
     title = "Captures: sigma of a height and of a dent's depth, cumulative and leave-one-out"
-    grid(title, *ol.experiments.judged_table(judged))
+    grid(title, *ol.report.judged_table(judged))
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Further commands": ("camera", "form", "export", "sample", "response"),
 }
 CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
-#: Files that are not named as their command.
-MODULES = {"show": "window"}
+#: Modules that are not named as their command.
+MODULES = {"show": "window", "rig": "rig.new"} | {name: f"rig.{name}" for name in ("start", "expose", "sync")}
 
 
 class Commands(click.Group):
@@ -35,7 +35,7 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        module = MODULES.get(cmd_name, cmd_name)
+        module = MODULES.get(cmd_name, cmd_name) if self.package == __package__ else cmd_name
         command = importlib.import_module(f"{self.package}.{module}").command
         assert isinstance(command, click.Command)
         return command

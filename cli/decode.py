@@ -14,8 +14,7 @@ from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
 from .options import Display, Json, Pictured, blame, checked_response, mask_file, shown_sequence
 from .outputs import HDF5, OutputFile
-from .rig_capture import measured_lag
-from .show import (
+from .printing import (
     coverage_text,
     flag_rows,
     flag_shares,
@@ -26,6 +25,7 @@ from .show import (
     table,
     write_json,
 )
+from .rig.recorded_capture import measured_lag
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,7 +8,7 @@ import optolever as ol
 from .arguments import Opt, program
 from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
-from .show import length, number, print_notices, progress, table, write_json
+from .printing import length, number, print_notices, progress, table, write_json
 
 SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
@@ -30,7 +30,7 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
 #: By another process, while this one simulates and compiles the decoder's pixels.
 _COMPILED = {
     "optolever.decode": "optolever.decode:compile_neighbours",
-    "optolever.reconstruct": "optolever.experiments:compile_heights",
+    "optolever.reconstruct": "optolever.samples:compile_heights",
 }
 OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder(*PAGE, full=PAGE_IN_FULL))
 
@@ -69,12 +69,12 @@ def command(
                 wait()
             step(name, *numbers)
 
-        result = ol.experiments.run_demo(
+        result = ol.samples.run_demo(
             scene, dent, sequence, noise=noise, seed=seed, renderer=renderer, progress=stage
         )
         step("report")
         with ol.files.together():
-            result = ol.experiments.write_demo_report(result, out / "report.html", full=full)
+            result = ol.report.write_demo_report(result, out / "report.html", full=full)
             numbers = result.to_dict()
             write_json(json_path, numbers)
     print_notices(result.height.notices)

@@ -14,7 +14,7 @@ from optolever import InputError
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
 from .options import Dent, Json, Renderer, SceneName, Size, sections
 from .outputs import OutputFile
-from .show import number, progress, table, write_json
+from .printing import number, progress, table, write_json
 
 SAMPLE = """
 $ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
@@ -107,12 +107,12 @@ def command(
     With --range: slopes, total reflection, lever, free mode, error bars, medians over the mirror at rest on a
     thinned camera (error bars: of the full one). Balls: how deep they may press before `live` loses cells.
     """
-    from optolever.experiments import design
+    from optolever import design
 
     rate = design.frame_rate(refresh, exposure)
     rig = _of_rig(scene_name)
     axes = product(lags or (rig.lag,), gammas or (None,), flickers or (None,), blurs or (None,))
-    faults, noises = [ol.experiments.Faults(*each) for each in axes], noises or (rig.noise,)
+    faults, noises = [ol.samples.Faults(*each) for each in axes], noises or (rig.noise,)
     scene, resized = rig.scene if size is None else ol.scene.resize(rig.scene, *size), size is not None
     if measuring:
         _print_range(scene, (*codes, "gray+phase")[0], noises[0], json_path)
@@ -162,7 +162,7 @@ def command(
     _print_choice(found, out)
 
 
-def _print_choice(found: "ol.experiments.design.Design", out: Path | None) -> None:
+def _print_choice(found: "ol.design.Design", out: Path | None) -> None:
     """The sequence that was chosen, and its file."""
     chosen = found.chosen
     choice = {
@@ -175,7 +175,7 @@ def _print_choice(found: "ol.experiments.design.Design", out: Path | None) -> No
 
 def _print_range(scene: "ol.scene.Scene", code: str, noise: float, json_path: Path | None) -> None:
     """--range."""
-    numbers = ol.experiments.design.sensor_maps(scene, code, noise).numbers()
+    numbers = ol.design.sensor_maps(scene, code, noise).numbers()
     write_json(json_path, {"numbers": numbers, "settings": {"code": code, "noise": noise}})
     table(f"Sensor {scene.name}", {key: number(value) for key, value in numbers.items()})
 
@@ -210,7 +210,7 @@ def _of_rig(name: str) -> _Rig:
         lags = [effect.value for effect in profile.effects() if effect.name == "lag"]
         rig = rig._replace(scene=replace(scene, sensor=sensor), noise=0.0, lag=sum(lags))
         known.append(f"noise of {read:.2g} levels and {electrons:.2g} electrons a level")
-    timing = ol.projector.timing_of(Path(name)) if "sync" in held else None
+    timing = ol.camera.timing_of(Path(name)) if "sync" in held else None
     if timing is not None and not rig.lag:
         rig = rig._replace(lag=timing.lag(timing.ready_s()))
     known += [f"lag {rig.lag:.2g}"] if rig.lag else []
@@ -222,7 +222,7 @@ def _known(value: float, form: str = ".4g", unit: str = "") -> str:
     return f"{value:{form}}{unit}" if math.isfinite(value) else ""
 
 
-def _print_row(row: "ol.experiments.design.Tradeoff", first: bool, width: int, title: str) -> None:
+def _print_row(row: "ol.design.Tradeoff", first: bool, width: int, title: str) -> None:
     """A line of the table of codes, under its header."""
     names = ("frames", "acquire", "CPU", "predicted", "simulated", "+-", "err/sigma", "measured")
     if first:

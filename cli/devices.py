@@ -7,7 +7,7 @@ from optolever import InputError
 
 from .arguments import program
 from .options import Json
-from .show import grid, print_notices, table, write_json
+from .printing import grid, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever camera devices
@@ -28,7 +28,7 @@ def command(json_path: Json = None) -> None:
     by a number that changes when something is plugged in. Besides: camera=folder:DIR, replay:DIR, virtual;
     display=window.
     """
-    from optolever.projector.cameras import find_cameras
+    from optolever.camera.cameras import find_cameras
 
     cameras, silent = find_cameras()
     try:

@@ -13,7 +13,7 @@ from optolever.blocks import threads
 
 from .arguments import program
 from .options import Json
-from .show import table, write_json
+from .printing import table, write_json
 
 SAMPLE = """
 $ optolever doctor
@@ -80,7 +80,7 @@ def _monitors() -> str:
 
 
 def _cameras() -> str:
-    from optolever.projector.cameras import find_cameras
+    from optolever.camera.cameras import find_cameras
 
     found, silent = find_cameras()
     told = [f"{one.address} ({one.note or one.model})" for one in found]

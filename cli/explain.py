@@ -13,7 +13,7 @@ from .arguments import Arg, Opt, program
 from .decode import CHANNEL, DESCRIPTION, ROI, WITHOUT, mask_of, read_capture
 from .options import Display, Json, Pictured, blame, load_scene, mask_file
 from .outputs import OutputFile
-from .show import grid, number, print_notices, progress, write_json
+from .printing import grid, number, print_notices, progress, write_json
 
 SAMPLE = """
 $ optolever explain pictures --sequence gray --pixels 1024x768 --out right.toml

@@ -8,7 +8,7 @@ import optolever as ol
 from .arguments import Arg, program
 from .options import Json, Pitch, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
-from .show import number, possible, table, write_json
+from .printing import number, possible, table, write_json
 
 SAMPLE = """
 $ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5

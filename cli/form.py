@@ -16,7 +16,7 @@ from optolever.quantities import quantity, two_digits
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
-from .show import grid, length, print_notices, table, write_json
+from .printing import grid, length, print_notices, table, write_json
 
 if TYPE_CHECKING:
     import numpy as np

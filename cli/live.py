@@ -17,8 +17,8 @@ from optolever.quantities import quantity
 from .arguments import AT_LEAST_0, Opt, Rare, program
 from .options import Json, Noise, Port, RigFile, Seed, Size, load_scene, preset
 from .outputs import NewFolder, OutputFile
-from .rig_devices import Changes
-from .show import print_notices, table, write_json
+from .printing import print_notices, table, write_json
+from .rig.opened import Changes
 
 SAMPLE = """
 $ optolever live --pixels 160x120 --headless --frames 300

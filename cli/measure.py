@@ -12,9 +12,7 @@ from .arguments import Arg, Opt, Rare, program
 from .batch import Many
 from .options import Json, NoRest, Shown, checked_response, name_unused, response_of
 from .outputs import NewFolder, OutputFile
-from .rig_capture import capture_rig, measured_lag
-from .rig_devices import Changes, OpenedRig, sequence_of
-from .show import (
+from .printing import (
     contact_rows,
     height_range,
     length,
@@ -26,6 +24,8 @@ from .show import (
     table,
     write_json,
 )
+from .rig.opened import Changes, OpenedRig, sequence_of
+from .rig.recorded_capture import capture_rig, measured_lag
 
 SAMPLE = """
 $ optolever camera measure --rig rig.toml --out press1
@@ -45,9 +45,7 @@ KEEP = Rare("--keep", "Keep the recording of all images, OUT.recording.")
 SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.", OutputFile(".npz"))
 
 
-@program(
-    "measure", SAMPLE, partial(Many, captures="captures", imports=("projector", "experiments"), folders=True)
-)
+@program("measure", SAMPLE, partial(Many, captures="captures", imports=("camera", "samples"), folders=True))
 def command(
     captures: Annotated[tuple[Path, ...], Arg("[DIR...]", required=False)],
     rig: OpenedRig,
@@ -69,7 +67,7 @@ def command(
     aborted capture stays in OUT.recording (optolever camera replay).
     """
     scene = ol.scene.load(rig)
-    devices = None if captures else ol.projector.devices_of(rig, changes)
+    devices = None if captures else ol.camera.devices_of(rig, changes)
     if frames_only:
         _take(rig, devices, sequence, out, keep, json_path)
         return
@@ -103,12 +101,12 @@ def command(
             plain = ol.reconstruct.slope_map(replace(height, modes=None), seen, scene, rest)
             height = ol.reconstruct.with_slope_noise(height, plain)
             height.save(out / "h.npz")
-            found = ol.experiments.Measurement(
+            found = ol.samples.Measurement(
                 height, seen, capture, scene, source=f"{out.name}/h.npz", rig=str(rig),
                 simulated=devices is not None and devices.camera == "virtual", saved=("c.npz", "h.npz"),
                 rest=rest,
             )  # fmt: skip
-            ol.experiments.write_measurement_report(out / "report.html", found, full=True)
+            ol.report.write_measurement_report(out / "report.html", found, full=True)
             noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)
             frames = {"frames": len(capture)} if taken is None else taken.numbers()
             numbers = {"good_share": float(height.good.mean()), "noise_mm": noise, "rig_mm": rig_error}
@@ -130,7 +128,7 @@ def command(
 
 def _take(
     rig: Path,
-    devices: "ol.projector.Devices | None",
+    devices: "ol.camera.Devices | None",
     sequence: str,
     out: Path,
     keep: bool,

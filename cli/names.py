@@ -6,7 +6,7 @@ from typing import Any
 
 import optolever as ol
 
-from .show import table, write_json
+from .printing import table, write_json
 
 
 def print_names(kinds: Container[str], scene_name: str, json_path: Path | None) -> None:

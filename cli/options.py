@@ -14,7 +14,7 @@ from optolever.numbers import listed
 
 from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
-from .show import print_notices
+from .printing import print_notices
 
 if TYPE_CHECKING:
     import numpy as np

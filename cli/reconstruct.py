@@ -26,7 +26,7 @@ from .options import (
     sections,
 )
 from .outputs import GRID_SUFFIXES, HDF5, OutputFile
-from .show import (
+from .printing import (
     budget_rows,
     contact_rows,
     flag_rows,
@@ -234,7 +234,7 @@ def _against_truth(
     if truth.z.shape != height.z.shape:
         wrong = f"z has shape {truth.z.shape}, must be {height.z.shape} as the height map"
         raise InputError(f"{path}: {wrong}; give the truth of this capture")
-    return ol.experiments.height_metrics(truth, correspondence, height)
+    return ol.samples.height_metrics(truth, correspondence, height)
 
 
 def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None") -> dict[str, str]:

@@ -10,8 +10,8 @@ from optolever.errors import reason_of
 from .arguments import ABOVE_0, Opt, program
 from .options import Json
 from .outputs import NewFolder
-from .rig_devices import Changes, OpenedRig, levels_of, opened
-from .show import number, table, write_json
+from .printing import number, table, write_json
+from .rig.opened import Changes, OpenedRig, levels_of, opened
 
 SAMPLE = """
 $ optolever camera record --rig rig.toml --seconds 0.5 --out film
@@ -35,18 +35,18 @@ def command(
     DIR gets frames.zst (images less the one before, compressed without loss) and log.jsonl, a line per image
     with its counter and times. After a kill or a full disk, all images with a line are intact.
     """
-    devices = ol.projector.devices_of(rig, changes)
+    devices = ol.camera.devices_of(rig, changes)
     numbers = dict.fromkeys(("images", "incomplete", "lost", "dropped"), 0)
     failure: BaseException | None = None
     with opened(rig, devices, levels_of(rig, "white")) as now:
         shown = now.display.show(0)
         size = now.accepted.rows * now.accepted.cols * (1 if now.accepted.bits == 8 else 2)
         about = {"camera": now.camera.identity.address, "refresh_s": now.display.refresh_s}
-        with ol.projector.Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
+        with ol.camera.Recorder(out, about | {"rig": rig.read_text(encoding="utf-8")}) as recorder:
             recorder.configured(now.accepted)
             recorder.shown(shown)
-            writer = ol.projector.BackgroundRecorder(recorder, size)
-            arrivals = ol.projector.Arrivals(now.camera, now.time, now.clock, now.triggered, writer.image)
+            writer = ol.camera.BackgroundRecorder(recorder, size)
+            arrivals = ol.camera.Arrivals(now.camera, now.time, now.clock, now.triggered, writer.image)
             try:
                 for image, _ in arrivals.until(now.time.now() + seconds):
                     numbers["incomplete"] += not image.complete

@@ -9,8 +9,8 @@ from optolever import InputError
 from .arguments import Arg, Opt, program
 from .options import Json
 from .outputs import NewFolder
-from .rig_capture import captured
-from .show import number, print_notices, table, write_json
+from .printing import number, print_notices, table, write_json
+from .rig.recorded_capture import captured
 
 SAMPLE = """
 $ optolever camera replay cap.recording
@@ -37,10 +37,10 @@ def command(
     the frames before it ended. Other commands replay with --set camera=replay:DIR. Readings that
     `live --record` wrote are computed again and compared bit by bit.
     """
-    recording = ol.projector.Recording(folder)
+    recording = ol.camera.Recording(folder)
     swaps, stamps, incomplete = 0, [], 0
     for event in recording:
-        if isinstance(event, ol.projector.Logged):
+        if isinstance(event, ol.camera.Logged):
             stamps.append(event.stamp_s)
             incomplete += not event.image.complete
         else:
@@ -72,9 +72,9 @@ def command(
     table(f"Recording {folder}", rows)
 
 
-def _capture(recording: "ol.projector.Recording", out: Path) -> int:
+def _capture(recording: "ol.camera.Recording", out: Path) -> int:
     """Write the capture folder of a capture's recording; returns the number of frames."""
-    from optolever.projector.cameras import Replay
+    from optolever.camera.cameras import Replay
 
     about, folder = recording.about, recording.folder
     if "sequence" not in about:
@@ -83,11 +83,11 @@ def _capture(recording: "ol.projector.Recording", out: Path) -> int:
     shown = ol.patterns.Sequence.from_dict(about["sequence"], str(folder))
     timing = about.get("timing")
     if timing is not None:
-        timing = ol.projector.Timing.from_table(timing, f"{folder}: [sync]")
-    replay, taken = Replay(folder), list["ol.projector.Taken"]()
-    clock, order = ol.projector.ClockMap(), range(len(shown))
+        timing = ol.camera.Timing.from_table(timing, f"{folder}: [sync]")
+    replay, taken = Replay(folder), list["ol.camera.Taken"]()
+    clock, order = ol.camera.ClockMap(), range(len(shown))
     try:
-        for one in ol.projector.acquire(replay, replay, timing, order, time=replay, clock=clock):
+        for one in ol.camera.acquire(replay, replay, timing, order, time=replay, clock=clock):
             taken.append(one)
     except InputError:
         if not taken:

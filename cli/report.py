@@ -9,7 +9,7 @@ from optolever import InputError
 from .arguments import ABOVE_0, Arg, Opt, program
 from .options import Full, Json, blame, load_scene, preset, rest_file
 from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
-from .show import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
+from .printing import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever report h.npz --correspondence c.npz --capture capture \\
@@ -64,7 +64,7 @@ def command(
     for path, other in zip(less, others.values(), strict=True):
         if other == height:
             raise InputError(f"--less {path}: is the map {source} itself; give another map of the rig")
-    given = ol.experiments.Measurement(
+    given = ol.samples.Measurement(
         height, None if correspondence is None else ol.decode.Correspondence.load(correspondence),
         None if folder is None else ol.projector.Capture.load(folder),
         None if scene_name is None else load_scene(scene_name, None if Path(scene_name).exists() else size),
@@ -78,7 +78,7 @@ def command(
     with blame(source):
         readings = ol.reconstruct.budget(height, next(iter(others.values()), None))
         with ol.files.together():
-            ol.experiments.write_measurement_report(out / "report.html", given, full=full)
+            ol.report.write_measurement_report(out / "report.html", given, full=full)
             write_json(json_path, shares | {"budget_mm": readings})
     print_notices(given.notices)
     rows = {

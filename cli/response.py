@@ -8,7 +8,7 @@ from optolever.quantities import quantity
 
 from .arguments import Arg, program
 from .options import Json, stored_in
-from .show import number, progress, table, write_json
+from .printing import number, progress, table, write_json
 
 SAMPLE = """
 $ optolever response ramp pose0 pose1 pose2 --scene rig.toml

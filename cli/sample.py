@@ -10,7 +10,7 @@ import optolever as ol
 from .arguments import Arg, Opt, program
 from .options import Json, Seed
 from .outputs import NewFolder
-from .show import progress, write_json
+from .printing import progress, write_json
 
 SAMPLE = """
 $ optolever sample sensor --out sensor
@@ -39,7 +39,7 @@ def command(
     folder = Path(name) if out is None else out
     with progress() as step:
         step("simulate")
-        commands = ol.experiments.write_sample(name, folder, seed)
+        commands = ol.samples.write_sample(name, folder, seed)
     write_json(json_path, {"commands": commands})
     click.echo(f"{folder}: a rig, its captures, and the truth apart. It goes on with:")
     for line in commands:

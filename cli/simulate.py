@@ -11,7 +11,7 @@ from optolever import InputError
 from .arguments import Opt, program
 from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import NewFolder
-from .show import number, progress, table, write_json
+from .printing import number, progress, table, write_json
 
 SAMPLE = """
 $ optolever simulate --scene paper-simulation --pixels 256x256 \\

@@ -12,7 +12,7 @@ from .arguments import ABOVE_0, Opt, program
 from .devices import print_monitors
 from .options import Json, pixels, shown_sequence
 from .outputs import NewFolder, OutputFile
-from .show import number, print_notices, table, write_json
+from .printing import number, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever show --sequence gray+phase --monitor 1 --seconds 0.5

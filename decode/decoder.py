@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optolever.arguments import checked
 from optolever.blocks import blas_on_one
+from optolever.checks import checked
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
 
-from .capture import Prepared, applied, estimated, holds, prepared
+from .correspondence import Correspondence
 from .frames import Levels, Light, Response, Settings, in_levels, light_of
+from .pipeline import Prepared, applied, estimated, holds, prepared
 from .plan import plan
 from .profile import RigProfile, digest
-from .records import Correspondence
 
 __all__ = ["Decoder", "decode", "estimate_profile"]
 

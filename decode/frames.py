@@ -15,7 +15,7 @@ from optolever.kernels import F32, F64, inlined, plain
 from optolever.patterns import Sequence
 from optolever.records import Comparable
 
-from .records import Correspondence
+from .correspondence import Correspondence
 
 __all__ = [
     "Levels", "Light", "RawFrames", "RawLevel", "Response", "Settings", "in_levels", "level_of",

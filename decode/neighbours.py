@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F32, HALF, ONE, ZERO, inlined, kernel
 
+from .correspondence import Flag
 from .plan import AxisPlan
-from .records import Flag
 
 __all__ = [
     "BLURRED", "EITHER", "HALO", "SETTLE", "Beside", "Block", "Mask", "Result", "axis_limits",

@@ -12,8 +12,8 @@ from .codes.bits import BitTable, ends_row, read_row
 from .codes.fringe import FringeTable, fit_row
 from .codes.lookup import Lines
 from .codes.orders import Orders, climb_row, compare_row, join_row, start_row
+from .correspondence import Flag
 from .frames import RawFrames
-from .records import Flag
 
 __all__ = ["AxisTable", "Maps", "pixel_rows"]
 

@@ -21,10 +21,10 @@ from optolever.schema import built
 
 from .codes.fringe import Misfit
 from .codes.lookup import LookUp
+from .correspondence import SharedNoise
 from .effects import Effect
 from .frames import Settings
 from .noise import Noise
-from .records import SharedNoise
 
 __all__ = ["AxisProfile", "Estimates", "RigProfile", "Sampled", "digest"]
 
@@ -90,7 +90,7 @@ class RigProfile:
         return (*rows, *self.estimates.effects)
 
     def with_lag(self, share: float) -> Self:
-        """The profile with a measured share of the frame before (`projector.Timing.lag`), where the
+        """The profile with a measured share of the frame before (`camera.Timing.lag`), where the
         frames gave no estimate; its sigma is unknown and counts as 0."""
         known = self.estimates.effects
         if not share or any(effect.name == "lag" for effect in known):

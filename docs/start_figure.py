@@ -12,9 +12,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "cli"))
 from chromium import Chromium
 
-from optolever.cli.start import walk
-from optolever.cli.start_page import PageFront
-from optolever.cli.start_steps import STEPS, Begun
+from optolever.cli.rig.start import walk
+from optolever.cli.rig.start_page import PageFront
+from optolever.cli.rig.start_steps import STEPS, Begun
 
 OUT = Path(__file__).with_name("start_aim.png")
 ANSWERS = {"monitor": {"image": "480x360", "display": "640x480", "diagonal": "15.75", "view_width": "180"}}

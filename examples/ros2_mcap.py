@@ -20,9 +20,10 @@ import numpy as np
 from mcap.writer import Writer
 from numpy.typing import NDArray
 
+from optolever.camera import Recording
 from optolever.files import atomic_file
 from optolever.live import Reading, has_readings, replayed
-from optolever.projector import Image, Recording, Shown
+from optolever.projector import Image, Shown
 
 __all__ = ["write_mcap"]
 

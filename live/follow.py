@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from optolever.camera import ClockMap
 from optolever.errors import InputError
-from optolever.projector import ClockMap, Image
+from optolever.projector import Image
 
 from .arrays import Frame
-from .chain import rest_state
-from .prepared import Prepared
+from .fringe.chain import rest_state
 from .probes import Probed, Probes
 from .reading import Reading
+from .rest.prepared import Prepared
 from .source import Source
 from .stream import Live
 

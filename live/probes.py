@@ -14,8 +14,8 @@ import numpy as np
 
 from optolever.errors import InputError
 
-from .prepared import Prepared
 from .reading import Reading
+from .rest.prepared import Prepared
 from .spectrum import Spectrum, spectrum_of
 
 __all__ = ["TRACES", "Probe", "Probed", "Probes", "noise_floor"]

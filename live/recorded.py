@@ -1,6 +1,6 @@
 """Readings beside their frames, and the same readings from the frames again.
 
-A recording of `projector.Recorder` with the rig in prepared.npz; the line of an image has the figures of
+A recording of `camera.Recorder` with the rig in prepared.npz; the line of an image has the figures of
 its reading and the CRC-32 of its height and sigma."""
 
 import json
@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from optolever.projector import Recorder, Recording
+from optolever.camera import Recorder, Recording
 
 from .follow import Followed
-from .prepared import Prepared
+from .rest.prepared import Prepared
 from .stream import Live
 
 __all__ = ["ReadingRecorder", "Replayed", "has_readings", "replayed"]

@@ -21,8 +21,8 @@ from optolever.projector import NOMINAL_SENSOR, Image, capture, footprints, ligh
 from optolever.scene import Scene, Surface, dent
 
 from .arrays import Frame, Pixels
-from .prepare import prepare
-from .prepared import Prepared
+from .rest.prepare import prepare
+from .rest.prepared import Prepared
 
 __all__ = ["Newest", "Source", "VirtualFinger", "virtual_rig"]
 

@@ -12,13 +12,13 @@ from optolever.errors import InputError
 from optolever.kernels import plain
 
 from .arrays import Cells, Frame, Mask
-from .chain import COMPRESSED, Settled
-from .circulation import circulations
+from .fringe.chain import COMPRESSED, Settled
+from .fringe.circulation import circulations
+from .fringe.strays import settle_without_strays
 from .holes import holes_of
-from .prepared import Prepared
 from .reading import CREPT, Figures, Reading
-from .rig_motion import Deviation, RigMotion, fitted, rig_motion
-from .strays import settle_without_strays
+from .rest.prepared import Prepared
+from .rest.rig_motion import Deviation, RigMotion, fitted, rig_motion
 from .touches import Touches, forces_of
 from .verdict import FADED, UNEXPLAINED, judge
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
-from .covariance import mean_square_variance, modes_variance, noise_covariance
 from .fit import FormFit
+from .functionals import mean_square_variance, modes_variance, noise_covariance
 
 __all__ = ["gaussian_filter", "kept_variance", "transfer"]
 

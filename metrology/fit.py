@@ -13,9 +13,9 @@ from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
 from .apertures import middle_of
-from .covariance import SlopeNoise, modes_variance, noise_covariance, residual_noise, root_sigma
 from .figures import pvr, rms_less_noise
 from .forms import Form, form_from_text
+from .functionals import SlopeNoise, modes_variance, noise_covariance, residual_noise, root_sigma
 
 __all__ = [
     "FormFit", "Numbers", "covariances_of", "differences", "fit_form", "leftovers", "placed",

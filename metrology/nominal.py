@@ -21,8 +21,8 @@ from optolever.errors import InputError, damage_of, require_file
 from optolever.maps import READABLE, read_grid
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
-from .covariance import noise_covariance
 from .fit import FormFit, Numbers, leftovers, placed, slope_noise
+from .functionals import noise_covariance
 
 __all__ = [
     "NOMINAL_SUFFIXES", "Nominal", "extended", "fit_nominal", "load_measured", "load_nominal", "surface_of",

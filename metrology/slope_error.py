@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .covariance import SlopeNoise, mean_square_variance, modes_variance, root_sigma
 from .figures import rms_less_noise
 from .filters import transfer
 from .fit import FormFit, differences
+from .functionals import SlopeNoise, mean_square_variance, modes_variance, root_sigma
 
 __all__ = ["SlopeError", "slope_errors"]
 

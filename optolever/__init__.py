@@ -1,11 +1,11 @@
 """optolever: patterns on a surface, a mirror that deforms, a camera: from the frames the mirror's height.
 
-Parts by floor, imports run downward only: 6 `cli`; 5 `experiments`; 4 `calibration`, `formats`, `live`,
-`metrology`; 3 `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`, `scene`; 0 this folder:
-`arguments` (records of a wrong type, named at the verbs), `blocks` and `kernels` (threads, compiled
-loops), `errors`, `files` (whole or absent),
-`maps` (heights in other programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`,
-`quantities`, `records`, `schema` (records from plain values, types and shapes asked once), `toml`.
+Parts by floor, imports run downward only: 7 `cli`; 6 `design`, `report`; 5 `samples`; 4 `calibration`,
+`formats`, `live`, `metrology`; 3 `camera`, `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`,
+`scene`; 0 this folder: `arrays`, `blocks` and `kernels` (threads, compiled loops), `checks` (records of a
+wrong type, named at the verbs), `errors`, `files` (whole or absent), `images`, `maps` (heights in other
+programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`, `quantities`, `records`, `schema`
+(records from plain values, types and shapes asked once), `timing`, `toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.
@@ -21,9 +21,10 @@ from optolever.errors import InputError
 if TYPE_CHECKING:
     from optolever import (  # noqa: F401  # fmt: skip
         calibration,
+        camera,
         contact,
         decode,
-        experiments,
+        design,
         files,
         formats,
         live,
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
         patterns,
         projector,
         reconstruct,
+        report,
+        samples,
         scene,
     )
 
@@ -39,8 +42,8 @@ __version__ = _version("optolever")
 __all__ = ["InputError", "__version__"]
 
 _PARTS = (
-    *("calibration", "cli", "contact", "decode", "experiments", "files", "formats", "live", "metrology"),
-    *("patterns", "projector", "reconstruct", "scene"),
+    *("calibration", "cli", "contact", "decode", "design", "files", "formats", "live", "metrology"),
+    *("camera", "patterns", "projector", "reconstruct", "report", "samples", "scene"),
 )
 
 

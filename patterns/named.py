@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from optolever.arguments import checked
+from optolever.checks import checked
 from optolever.errors import InputError
 from optolever.numbers import whole, written
 

@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.arguments import checked
 from optolever.blocks import threads
+from optolever.checks import checked
 from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.patterns import Sequence

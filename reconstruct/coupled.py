@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
-from optolever.arguments import checked
 from optolever.blocks import blas_on_one
+from optolever.checks import checked
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -24,8 +24,8 @@ from .heightmap import HeightFlag, HeightMap
 from .judgement.circulation import circulation_chi2, contradicted
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
+from .judgement.map_tests import Solved, judged
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
-from .judgement.tests import Solved, judged
 from .load import SAG, free_mode, less_sag
 from .problem import Problem, first_solution, on_pixels, prepare
 from .result import height_map, refused, with_references, without_unknown

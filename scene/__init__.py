@@ -10,14 +10,14 @@ TOML only.
 | `sensor.py` | display and sensor response |
 | `pattern.py` | the pattern's surface: flat, bowed, or a table of points |
 | `cameras.py` | pixel -> ray, lens distortion, refraction at a face |
-| `scene.py`, `reading.py`, `presets/` | Scene, resize, window; strict TOML of a rig; scenes on board |
+| `scene.py`, `toml_reading.py`, `presets/` | Scene, resize, window; strict TOML of a rig; scenes on board |
 | `typed_rig.py` | a rig's TOML from sizes, angles and distances |
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are, typed or not |
 | `surface.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
-| `forms.py`, `dents.py` | closed forms of the dents; dents by name, or from an image |
+| `dent_forms.py`, `dents.py` | closed forms of the dents; dents by name, or from an image |
 | `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace; a pixel's movement |
 | `drawing.py` | the rig from the side |
-| `record.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
+| `fields.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
 """
 
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
@@ -35,10 +35,10 @@ from .parameters import (
     without_rest_form,
 )
 from .pattern import Bow, Pattern, PatternShape, PointTable, prism_pattern
-from .reading import load, preset_names, rig_table, write_sections
 from .scene import Scene, resize, scene_window, strided
 from .sensor import Display, Sensor
 from .surface import Formula, Grid, Surface, surface_from_array
+from .toml_reading import load, preset_names, rig_table, write_sections
 from .tracing import Trace, mean_beside, movement, trace
 from .typed_rig import TypedRig, rig_toml
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from optolever import InputError
 
+from .fields import Float, Record, axis, integer, pair, positive, unit, vector  # noqa: F401  of Posed
 from .pose import Posed, cross, rotate, transform
-from .record import Float, Record, axis, integer, pair, positive, unit, vector  # noqa: F401  of Posed
 
 __all__ = [
     *("Camera", "Face", "PinholeCamera", "TelecentricCamera", "distort", "prism_camera", "refract"),

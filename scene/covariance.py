@@ -16,7 +16,7 @@ from optolever import InputError
 from optolever.files import save_arrays
 from optolever.schema import load_record
 
-from .record import Float, Record, freeze, non_negative
+from .fields import Float, Record, freeze, non_negative
 
 __all__ = ["TYPED", "Accuracy", "Covariance"]
 

@@ -13,8 +13,8 @@ from optolever import InputError
 from optolever.numbers import parsed, written
 from optolever.pictures import grey_of, read_picture
 
-from .forms import FORMS, taper_of
-from .record import Float, number, positive
+from .dent_forms import FORMS, taper_of
+from .fields import Float, number, positive
 from .scene import Scene
 from .surface import Both, Formula, Grid, Surface, from_grid
 

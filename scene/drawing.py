@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import Float
+from .fields import Float
 
 __all__ = ["draw_side"]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .fields import Float
 from .mirror import Mirror
-from .record import Float
 from .surface import Surface
 
 __all__ = ["Bounds", "bounds_of", "first_meeting", "meets_again"]

@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 
 from optolever import InputError
 
-from .record import Float, Record, freeze, non_negative, positive
+from .fields import Float, Record, freeze, non_negative, positive
 
 __all__ = ["Layer", "Medium", "Mirror", "RestForm", "legendre_orders"]
 

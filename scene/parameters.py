@@ -16,10 +16,10 @@ from optolever import InputError
 
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera
 from .covariance import TYPED, Accuracy, Covariance
+from .fields import Float, changed, positive
 from .mirror import RestForm
 from .pattern import Bow, Pattern
 from .pose import rotate, rotation_from_vector
-from .record import Float, changed, positive
 from .scene import Scene
 
 __all__ = [

@@ -15,19 +15,8 @@ import numpy as np
 
 from optolever import InputError
 
+from .fields import Float, Record, freeze, integer, non_negative, number, pair, positive, vector
 from .pose import Posed, cross
-from .record import (
-    Float,
-    Record,
-    axis,  # noqa: F401  of Posed
-    freeze,
-    integer,
-    non_negative,
-    number,
-    pair,
-    positive,
-    vector,
-)
 
 __all__ = ["Bow", "Pattern", "PatternShape", "PointTable", "prism_pattern"]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from optolever import InputError
 
-from .record import Float, Record, axis, vector
+from .fields import Float, Record, axis, vector
 
 __all__ = [
     "Posed", "cross", "look_at", "rotate", "rotation_from_axes", "rotation_from_vector",

@@ -18,9 +18,9 @@ from optolever.toml import read_toml, toml_text
 from .cameras import Camera, PinholeCamera
 from .covariance import TYPED, Accuracy, Covariance
 from .drawing import draw_side
+from .fields import Record, changed, integer, table_of, text
 from .mirror import Layer, Medium, Mirror, RestForm
 from .pattern import Pattern
-from .record import Record, changed, integer, table_of, text
 from .sensor import Display, Sensor
 
 __all__ = ["FOREIGN", "Scene", "resize", "scene_window", "strided"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from optolever import InputError
 
-from .record import Float, Record, integer, non_negative, number, positive
+from .fields import Float, Record, integer, non_negative, number, positive
 
 __all__ = ["Display", "Sensor"]
 

@@ -23,7 +23,7 @@ import scipy
 from optolever import InputError
 from optolever.kernels import exact
 
-from .record import Float, Record, freeze, number, positive
+from .fields import Float, Record, freeze, number, positive
 from .scene import Scene
 
 __all__ = ["Formula", "Grid", "Surface", "from_grid", "surface_from_array"]
@@ -96,7 +96,7 @@ def _prefilter(z: Float) -> Float:
 
 @dataclass(frozen=True)
 class Formula:
-    """A closed form of `forms` by name, with all the numbers it takes (mm), so that GLSL can evaluate it."""
+    """A closed form of `dent_forms` by name, with all its numbers (mm), so that GLSL can evaluate it."""
 
     name: str
     params: dict[str, float] = field(default_factory=dict)

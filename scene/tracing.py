@@ -14,8 +14,8 @@ from optolever.memory import require_room
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.schema import load_record
 
+from .fields import Float
 from .meeting import Bounds, bounds_of, first_meeting, meets_again
-from .record import Float
 from .scene import Scene
 from .surface import Surface
 

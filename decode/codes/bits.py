@@ -17,9 +17,9 @@ import numpy as np
 
 from optolever.kernels import F32, HALF, I32, I64, ZERO, exact, kernel
 
+from ..correspondence import Flag
 from ..frames import RawFrames, level_of
 from ..plan import AxisPlan, Plan
-from ..records import Flag
 
 __all__ = ["BitTable", "bit_tables", "ends_row", "read_row"]
 

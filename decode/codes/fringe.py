@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F32, F64, I32, I64, ONE, ZERO, exact, inlined, kernel
 
+from ..correspondence import Flag
 from ..frames import RawFrames, Response, level_of
 from ..noise import Noise, Sample, regression
 from ..plan import Fringe
-from ..records import Flag
 
 __all__ = [
     "FringeTable", "Misfit", "bent", "fit_row", "fringe_table", "measure_misfit", "straightened",

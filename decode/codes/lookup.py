@@ -21,11 +21,11 @@ from optolever.errors import InputError
 from optolever.kernels import F32, F64, I64
 from optolever.patterns import Sequence
 
+from ..correspondence import Flag
 from ..frames import Light, Settings
 from ..noise import Noise, Sample
 from ..plan import AxisPlan, Plan, Stripes
 from ..plan import plan as plan_of
-from ..records import Flag
 from .match import COARSE, PER_PX, RIVALS, Book, match
 
 __all__ = ["Lines", "LookUp", "Table", "beside", "lookup_rows", "prepare", "table_of"]

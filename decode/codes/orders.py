@@ -21,7 +21,7 @@ import numpy as np
 
 from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, kernel
 
-from ..records import Flag
+from ..correspondence import Flag
 
 __all__ = ["Orders", "climb_row", "compare_row", "join_row", "order_table", "start_row"]
 

@@ -17,10 +17,10 @@ from optolever.kernels import F32, F64, I64
 from optolever.notices import Judged, Notice
 from optolever.patterns import Sequence
 
+from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan, plan
-from ..records import Correspondence, Flag
 from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
 from .too_few import few_good
 from .windows import EVERY, contradictions, residual_windows, spread, typical

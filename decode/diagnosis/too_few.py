@@ -12,9 +12,9 @@ from optolever.kernels import F64
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 
+from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..plan import plan
-from ..records import Correspondence, Flag
 
 __all__ = ["few_good", "mirror_coverage"]
 

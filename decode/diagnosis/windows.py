@@ -18,9 +18,9 @@ from optolever.kernels import F32, I64
 
 from ..codes.bits import BitTable, ends_row, read_row
 from ..codes.fringe import FringeTable, fit_row
+from ..correspondence import Flag
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
-from ..records import Flag
 
 __all__ = ["EVERY", "contradictions", "residual_windows", "spread", "typical"]
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from optolever.kernels import F64
 
+from ..correspondence import SharedNoise
 from ..noise import Noise, Sample
 from ..plan import Plan
-from ..records import SharedNoise
 
 __all__ = ["Correction", "Effect", "View"]
 

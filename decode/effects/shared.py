@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F64
 
+from ..correspondence import SharedNoise
 from ..noise import Sample, regression
 from ..plan import Fringe, Plan, constraints
-from ..records import SharedNoise
 from . import Correction, View
 
 __all__ = ["correct"]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json
-from optolever.cli.show import grid, write_json
+from optolever.cli.printing import grid, write_json
 
 __all__ = ["command"]
 

@@ -7,7 +7,7 @@ import click
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json
-from optolever.cli.show import grid, progress, write_json
+from optolever.cli.printing import grid, progress, write_json
 
 __all__ = ["command"]
 

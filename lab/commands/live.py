@@ -7,7 +7,7 @@ import click
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json, Seed, pixels
-from optolever.cli.show import grid, number, progress, table, write_json
+from optolever.cli.printing import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 

@@ -7,7 +7,7 @@ import click
 
 from optolever.cli.arguments import AT_LEAST_0, Opt, program
 from optolever.cli.options import Json, Seed
-from optolever.cli.show import grid, length, progress, write_json
+from optolever.cli.printing import grid, length, progress, write_json
 
 __all__ = ["command"]
 

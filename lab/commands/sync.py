@@ -6,7 +6,7 @@ import click
 
 from optolever.cli.arguments import Opt, program
 from optolever.cli.options import Json, Seed
-from optolever.cli.show import grid, write_json
+from optolever.cli.printing import grid, write_json
 
 __all__ = ["command"]
 

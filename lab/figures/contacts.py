@@ -11,9 +11,9 @@ import numpy as np
 import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
+from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence
 from optolever.errors import InputError
-from optolever.experiments.arrays import Floats, Mask
 from optolever.reconstruct import Contact, HeightMap, contacts, exact_correspondence, reconstruct
 from optolever.scene import (
     Scene,

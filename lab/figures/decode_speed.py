@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.blocks import blas_on_one, on_cores, over_rows
 from optolever.decode import Decoder, decode, estimate_profile
-from optolever.experiments.arrays import Floats
-from optolever.experiments.metrics import rms
-from optolever.experiments.timing import timed
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
 from optolever.records import Progress, silent
+from optolever.samples.metrics import rms
+from optolever.timing import timed
 
 from .figures import Figure, Parts, measured_parts
 from .ideal import camera_frames

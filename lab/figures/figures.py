@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from optolever.experiments import run_demo
 from optolever.records import Progress, silent
+from optolever.samples import run_demo
 from optolever.scene import load
 
 SEEDS = 30

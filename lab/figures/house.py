@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Installed folders; folders beside them.
 PARTS = (
     *("optolever", "scene", "patterns", "projector", "decode", "contact", "reconstruct", "calibration"),
-    *("metrology", "live", "cli", "formats", "experiments"),
+    *("camera", "metrology", "live", "cli", "formats", "samples", "report", "design"),
 )
 BESIDE = ("lab", "tests")
 _LONG, _COMPLEX = 90, 30  # lines of a function, branches

@@ -5,7 +5,7 @@ blur, no pixel area. Independent of the package's tables, except for long-run wo
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.experiments.arrays import Floats
+from optolever.arrays import Floats
 from optolever.patterns import Frame, Sequence, code_words
 
 

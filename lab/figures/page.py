@@ -9,11 +9,11 @@ from datetime import datetime
 from pathlib import Path
 
 from optolever.blocks import ONE_THREAD
-from optolever.cli.show import number
-from optolever.experiments import Faults
-from optolever.experiments.design import Tradeoff, compare_codes, write_tradeoff_chart
+from optolever.cli.printing import number
+from optolever.design import Tradeoff, compare_codes, write_tradeoff_chart
 from optolever.processes import environment
 from optolever.records import Progress, silent
+from optolever.samples import Faults
 from optolever.scene import load, resize
 
 from ..judgements.record import section

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
-from optolever.experiments.arrays import Floats
 from optolever.patterns import Frame, Sequence
 
 Images = list[NDArray[np.uint8]]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from optolever.experiments.arrays import Floats
+from optolever.arrays import Floats
 from optolever.scene import Surface
 
 __all__ = ["Dent", "ball", "base", "flat_punch", "gaussian", "on_layer", "rounded_punch", "surface_of"]

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from optolever.experiments.arrays import Floats
+from optolever.arrays import Floats
 from optolever.scene import Scene, Trace
 
 EVERY = 3  # pixels: where the bound is taken

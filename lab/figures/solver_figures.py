@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import scipy.fft
 
-from optolever.experiments.arrays import Floats
-from optolever.experiments.metrics import sigma_ratio
-from optolever.experiments.timing import timed
+from optolever.arrays import Floats
 from optolever.reconstruct import HeightMap, exact_correspondence, reconstruct
+from optolever.samples.metrics import sigma_ratio
 from optolever.scene import dent_from_text, load, resize, trace
+from optolever.timing import timed
 
 from .figures import Figure
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optolever.projector import ClockMap, Timing, Wanted, acquire, synchronise
+from optolever.camera import ClockMap, Timing, acquire, synchronise
+from optolever.projector import Wanted
 
 from .simulated import (
     BLACK,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.experiments.arrays import Floats
+from optolever.arrays import Floats
 from optolever.patterns import Sequence, sequence_from_text
 
 from ..figures.ideal import ideal_level

@@ -1,4 +1,4 @@
-// The closed forms of scene/forms.py, one per program; uniforms are named as the parameters there.
+// The closed forms of scene/dent_forms.py, one per program; uniforms are named as the parameters there.
 
 #ifdef TAPERED
 uniform float x, y, peak, length_mm, taper;

@@ -1,4 +1,4 @@
-// The mirror's shape: surface(x, y) -> (height, dz/dx, dz/dy) in mm; the same formulas as scene/forms.py and surface.py.
+// The mirror's shape: surface(x, y) -> (height, dz/dx, dz/dy) in mm; the same formulas as scene/dent_forms.py and surface.py.
 
 #ifdef DENT
 #include "dents.glsl"

@@ -5,7 +5,7 @@
 | `circulation` | chi2 of slopes that contradict each other |
 | `discontinuities` | edges in doubt: cusps, ridges, rims, gaps; what they part from the anchors |
 | `holes` | small holes bridged |
-| `tests` | the tests of a map: figure, limit, words |
+| `map_tests` | the tests of a map: figure, limit, words |
 | `reweighting` | robust reweighting; wrong pixels |
 """
 

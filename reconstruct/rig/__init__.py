@@ -4,7 +4,7 @@
 |---|---|
 | `model` | modes by the errors of the rig; whether these explain the slopes |
 | `hypotheses` | mistakes in a description, tried one by one |
-| `motion` | the rig's motion between rest and press |
+| `since_rest` | the rig's motion between rest and press |
 | `shift` | the picture's shift by that motion, which may be the mirror's sinking |
 | `calibration` | a rest capture as reference; errors that are no numbers of the scene: cover glass, gauge |
 """

@@ -34,7 +34,7 @@ from ..solver.anchors import Anchors, PixelAnchor
 from ..solver.newton import State, chord_step, linear_changes
 from ..solver.poisson import Accuracy
 from .calibration import gauge_displacement, glass_shift, rest_corrected
-from .motion import motion_shifts
+from .since_rest import motion_shifts
 
 __all__ = [
     "LIKELY", "LINEAR", "Measurement", "RigJudgement", "RigModel", "RigModes", "judged_rig",

@@ -117,9 +117,9 @@ def main() -> int:
         return [IDENTITY], {}
 
     with (
-        mock.patch("optolever.projector.cameras.find_cameras", find),
-        mock.patch("optolever.projector.cameras.open_camera", open_camera),
-        mock.patch("optolever.projector.rig.open_camera", open_camera),
+        mock.patch("optolever.camera.cameras.find_cameras", find),
+        mock.patch("optolever.camera.cameras.open_camera", open_camera),
+        mock.patch("optolever.camera.rig_devices.open_camera", open_camera),
     ):
         return run(sys.argv[dash + 1 :])
 

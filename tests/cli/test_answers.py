@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lab.fuzz.damage import EXTREMES
-from optolever.cli.start_page import PageFront
+from optolever.cli.rig.start_page import PageFront
 
 
 def answered(page: PageFront, text: str) -> tuple[int, str]:

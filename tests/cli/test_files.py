@@ -19,7 +19,7 @@ from optolever.cli import run
 from optolever.cli.app import app
 from optolever.cli.arguments import Shape
 from optolever.cli.batch import Many
-from optolever.cli.questions import QUESTIONS
+from optolever.cli.rig.questions import QUESTIONS
 
 SIZE = ["--pixels", "32x24"]
 #: Values of parameters by their metavar: required ones, wherever they are.

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from optolever.cli.start_page import PageFront
-from optolever.cli.views import Sheet, View
-from optolever.projector import aim
+from optolever.camera import aim
+from optolever.cli.rig.start_page import PageFront
+from optolever.cli.rig.views import Sheet, View
 
 from .chromium import asked
 

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever.camera import Timing
 from optolever.decode import Correspondence
-from optolever.projector import Capture, Timing
+from optolever.projector import Capture
 from optolever.scene import write_sections
 
 from .conftest import Program, Refused

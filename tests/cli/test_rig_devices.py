@@ -13,11 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever.camera import Recorder, choose_exposure
+from optolever.camera.cameras import StillCamera
 from optolever.decode import Correspondence, Decoder, Response, estimate_profile
 from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
-from optolever.projector import Capture, Image, Recorder, capture, choose_exposure
-from optolever.projector.cameras import StillCamera
+from optolever.projector import Capture, Image, capture
 from optolever.reconstruct import HeightMap
 from optolever.scene import adjusted, dent_from_text, load, resize
 
@@ -127,8 +128,8 @@ def test_no_reading_is_of_the_time_of_preparation(
         ready.append(time.monotonic())
         return prepared
 
-    monkeypatch.setattr("optolever.live.rig.prepare", noted)
-    monkeypatch.setattr("optolever.projector.rig.StillCamera", Queued)
+    monkeypatch.setattr("optolever.live.open_rig.prepare", noted)
+    monkeypatch.setattr("optolever.camera.rig_devices.StillCamera", Queued)
     out = optolever(
         "live", "--rig", rig, "--set", "camera=virtual", "--headless", "--json-lines", "--frames", "9"
     ).out
@@ -178,12 +179,12 @@ def test_a_recording_that_is_cut_off_is_named(
         Recorder(tmp_path / "none", {})
     assert failed.value.filename == str(tmp_path / "none")
     refused(["camera", "replay", tmp_path / "none"], tmp_path / "none", "stopped before its first image")
-    monkeypatch.setattr("optolever.projector.cameras.still.StillCamera", Stopped)
+    monkeypatch.setattr("optolever.camera.cameras.still.StillCamera", Stopped)
     assert (
         f"interrupted; 1 images are in {tmp_path / 'r'}" in optolever(*record, tmp_path / "r", code=130).err
     )
     assert "images    1" in optolever("camera", "replay", tmp_path / "r").out
-    monkeypatch.setattr("optolever.projector.rig.StillCamera", Stopped)
+    monkeypatch.setattr("optolever.camera.rig_devices.StillCamera", Stopped)
     measure = ("camera", "measure", "--rig", rig, "--out", tmp_path / "c")
     assert f"{tmp_path / 'c.recording'} " in optolever(*measure, code=130).err
 

@@ -22,7 +22,7 @@ import pytest
 from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
-from optolever.cli.start_steps import Begun, require_devices
+from optolever.cli.rig.start_steps import Begun, require_devices
 from optolever.decode import Correspondence
 from optolever.live import fringe_period, prepare
 from optolever.patterns import sequence
@@ -114,7 +114,7 @@ def test_it_goes_on_where_it_was_left(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Enter takes every default; the pipe ends within the step of the view, then of the aim."""
-    monkeypatch.setattr("optolever.projector.cameras.find_cameras", lambda: ([], {}))
+    monkeypatch.setattr("optolever.camera.cameras.find_cameras", lambda: ([], {}))
     monkeypatch.chdir(tmp_path)
     for count, step in ((9, "view"), (2, "aim")):
         monkeypatch.setattr("sys.stdin", Lines("" for _ in range(count)))
@@ -141,7 +141,7 @@ def test_other_devices_than_before_lead_back_to_their_step(
         ("640x480", ""),
         ("1280x720", "camera: it has 1280x720 pixels, before it had 640x480"),
     ):
-        monkeypatch.setattr("optolever.cli.start_steps.image_size", lambda _, size=size: size)
+        monkeypatch.setattr("optolever.cli.rig.start_steps.image_size", lambda _, size=size: size)
         assert require_devices(Begun.load(file)) == found
     monkeypatch.undo()
     assert require_devices(Begun.load(file)).startswith("camera: camera: 'world:1'")

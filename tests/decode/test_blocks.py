@@ -22,7 +22,7 @@ def cut(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Correspondence]:
 
     def run(frames: NDArray[Any], shown: Sequence, block: int, threads: int) -> Correspondence:
         size = 4 * frames.shape[2] * 6 * block  # bytes that two axes of a block take
-        monkeypatch.setattr("optolever.decode.capture._CACHE", size)
+        monkeypatch.setattr("optolever.decode.pipeline._CACHE", size)
         monkeypatch.setenv(THREADS_VARIABLE, str(threads))
         return decode(frames, shown)
 

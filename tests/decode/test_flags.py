@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from optolever import InputError
 from optolever.decode import Correspondence, Flag, Response, decode
-from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence, sequence_from_text
+from optolever.samples.metrics import rms
 
 from .conftest import Map, Shoot, scores, silent
 from .light import camera

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from optolever.decode import decode
-from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import capture
 from optolever.reconstruct import reconstruct
+from optolever.samples.metrics import rms
 from optolever.scene import Sensor, dent, load, resize, trace
 
 from .conftest import Map, Shoot, scores

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from optolever.decode import decode
-from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence, sequence
+from optolever.samples.metrics import rms
 
 from .conftest import F64, Map, Shoot, scores, silent
 from .light import cell_frames, free_levels, photographed

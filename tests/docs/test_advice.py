@@ -13,8 +13,8 @@ from optolever.cli.commands import MODULES
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = (
-    "scene", "patterns", "projector", "decode", "reconstruct", "calibration", "metrology", "formats",
-    "live",
+    "scene", "patterns", "projector", "camera", "decode", "reconstruct", "calibration", "metrology",
+    "formats", "live",
 )  # fmt: skip
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 
@@ -79,7 +79,7 @@ def test_messages_name_the_command_of_an_option(part: str) -> None:
         for path in (ROOT / part).rglob("*.py")
         for text in messages(path)
         if " " in text and not text.startswith("--")
-        for flag in wrong(text, OF_A_RIG if part == "projector" else set())
+        for flag in wrong(text, OF_A_RIG if part == "camera" else set())
     }
     assert not found
 
@@ -88,11 +88,11 @@ def test_messages_of_a_command_name_its_own_options() -> None:
     modules: dict[str, set[str]] = {}
     for name, flags in FLAGS.items():
         for word in name.split():
-            modules.setdefault(MODULES.get(word, word), set()).update(flags)
+            modules.setdefault(MODULES.get(word, word).rpartition(".")[2], set()).update(flags)
     every = set().union(*FLAGS.values())
     found = {
         f"{path.name}: {flag} in {text!r}"
-        for path in (ROOT / "cli").glob("*.py")
+        for path in (ROOT / "cli").rglob("*.py")
         for text in messages(path)
         if " " in text and not text.startswith("--")
         for flag in wrong(text, modules.get(path.stem, every))

@@ -9,7 +9,10 @@ import pytest
 
 from optolever.patterns import sequence, sequence_names, sequence_parameters
 
-PARTS = ("scene", "patterns", "projector", "decode", "reconstruct", "calibration", "experiments", "live")
+PARTS = (
+    *("scene", "patterns", "projector", "camera", "decode", "reconstruct", "calibration", "live"),
+    *("samples", "report", "design"),
+)
 FACES = [importlib.import_module(f"optolever.{part}") for part in PARTS]
 
 

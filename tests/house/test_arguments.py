@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.arguments import checked
 from optolever.calibration import calibrate
+from optolever.checks import checked
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Frame, sequence
 from optolever.projector import capture

@@ -18,13 +18,16 @@ FLOOR = {
     "contact": 2,
     "decode": 2,
     "projector": 2,
+    "camera": 3,
     "reconstruct": 3,
     "calibration": 4,
     "formats": 4,
     "metrology": 4,
     "live": 4,
-    "experiments": 5,
-    "cli": 6,
+    "samples": 5,
+    "design": 6,
+    "report": 6,
+    "cli": 7,
 }
 PARTS = [part for part in FLOOR if part != "optolever"]
 ROOT = Path(__file__).resolve().parents[2]

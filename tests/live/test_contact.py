@@ -10,7 +10,7 @@ import pytest
 from lab.live.streams import Moment, StreamRig
 from lab.live.world import BALL, PUNCH, expose, photons
 from optolever.contact import Contact
-from optolever.experiments.design import sensor_maps
+from optolever.design import sensor_maps
 from optolever.live import Live, Prepared, Reading, Touches
 
 from .conftest import LAYER, NOISE, Rest

@@ -10,7 +10,7 @@ import pytest
 from lab.live.world import BALL, GAUSS, expose
 from optolever import InputError
 from optolever.decode import Flag
-from optolever.experiments.design import sensor_maps
+from optolever.design import sensor_maps
 from optolever.live import Live, Prepared, Reading, prepare, tared
 from optolever.patterns import sequence
 from optolever.scene import dent, trace

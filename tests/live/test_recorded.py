@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optolever.camera.cameras import StillCamera
 from optolever.cli import run
 from optolever.live import Followed, Live, Prepared, ReadingRecorder, VirtualFinger, replayed, virtual_rig
 from optolever.patterns import sequence
 from optolever.projector import WHITE_NOISE_SENSOR, Image, capture
-from optolever.projector.cameras import StillCamera
 from optolever.scene import Layer, dent, load, resize
 
 

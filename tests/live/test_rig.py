@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from optolever import InputError, live
+from optolever.camera.cameras import StillCamera
 from optolever.live import ReadingRecorder, ReadingSocket, kept_rest, virtual_rig
 from optolever.projector import WHITE_NOISE_SENSOR, Image
-from optolever.projector.cameras import StillCamera
 from optolever.scene import Accuracy, Layer, Scene, load, resize
 
 
@@ -38,7 +38,7 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert readings.delay > 0
     assert kept_rest(rig).is_file()
     with monkeypatch.context() as patch:
-        patch.setattr("optolever.live.rig.decode", None)  # else it would be called
+        patch.setattr("optolever.live.open_rig.decode", None)  # else it would be called
         with live.open(rig) as readings:
             assert not readings.notices
             assert next(iter(readings)).trusted

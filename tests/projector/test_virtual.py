@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from optolever import InputError
-from optolever.experiments.metrics import rms
 from optolever.patterns import Frame, Sequence
 from optolever.projector import WHITE_NOISE_SENSOR, capture
+from optolever.samples.metrics import rms
 from optolever.scene import (
     Medium,
     Scene,

@@ -17,18 +17,10 @@ import numpy as np
 import pytest
 
 from optolever import InputError
+from optolever.camera import Arrivals, ClockMap
+from optolever.camera.cameras import StillCamera
 from optolever.patterns import sequence
-from optolever.projector import (
-    Arrivals,
-    Capture,
-    ClockMap,
-    ContextInfo,
-    Identity,
-    PatternWindow,
-    RealTime,
-    monitors,
-)
-from optolever.projector.cameras import StillCamera
+from optolever.projector import Capture, ContextInfo, Identity, PatternWindow, RealTime, monitors
 
 from .conftest import RUN, optolever, x_display
 from .screen import ENTER, ESCAPE, LEFT, RIGHT, FrameBuffer, press

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.experiments.metrics import relative_error
 from optolever.notices import Notice
 from optolever.reconstruct import HeightMap, PixelAnchor, PointAnchor, reconstruct
+from optolever.samples.metrics import relative_error
 from optolever.scene import Scene, adjusted, dent, trace
 
 SIZE = (120, 136)

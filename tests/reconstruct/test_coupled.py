@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.experiments.metrics import relative_error
 from optolever.reconstruct import (
     EdgeAnchor,
     HeightFlag,
@@ -16,6 +15,7 @@ from optolever.reconstruct import (
     exact_correspondence,
     reconstruct,
 )
+from optolever.samples.metrics import relative_error
 from optolever.scene import Scene, Surface, load, resize, trace
 from optolever.scene import dent_from_text as dent
 

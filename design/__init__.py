@@ -1,0 +1,25 @@
+"""design: choice of the sequence and of the sensor.
+
+| file | holds |
+|---|---|
+| `ranking.py`, `candidates.py` | run_design; candidate sequences; sequences of users |
+| `tradeoff.py` | compare_codes: error against CPU seconds and seconds of acquisition |
+| `chart.py` | its chart |
+| `view.py` | images of a scene, complete or in windows; the decoder run on them |
+| `sensitivity.py` | error propagation from pattern coordinates to height, by the solver |
+| `measuring_range.py` | measuring range and sensitivity of a scene |
+"""
+
+from .candidates import Candidate, candidates, ladder, user_candidate
+from .chart import write_tradeoff_chart
+from .measuring_range import SensorMaps, sensor_maps
+from .ranking import Design, merit, run_design
+from .sensitivity import Lever, Simulation
+from .tradeoff import Tradeoff, compare_codes, frame_rate, write_tradeoff_csv
+from .view import predict, view_of
+
+__all__ = [
+    "Candidate", "Design", "Lever", "SensorMaps", "Simulation", "Tradeoff",
+    "candidates", "compare_codes", "frame_rate", "ladder", "merit", "predict", "run_design", "sensor_maps",
+    "user_candidate", "view_of", "write_tradeoff_chart", "write_tradeoff_csv",
+]  # fmt: skip

@@ -1,0 +1,1 @@
+from camera.rig_devices import *

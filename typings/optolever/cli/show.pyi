@@ -1,1 +1,0 @@
-from cli.show import *

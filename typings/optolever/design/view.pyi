@@ -1,0 +1,1 @@
+from design.view import *

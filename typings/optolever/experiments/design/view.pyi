@@ -1,1 +1,0 @@
-from experiments.design.view import *

@@ -1,1 +1,0 @@
-from projector.cameras import *

@@ -1,0 +1,1 @@
+from samples.metrics import *
