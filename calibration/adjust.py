@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values
 
@@ -21,7 +21,6 @@ from .observation import Sample
 
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
 
-Floats = NDArray[np.float64]
 Rays = tuple[Floats, Floats]
 
 _LOST = 1e4  # residual of a pixel whose ray misses the pattern

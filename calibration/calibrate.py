@@ -10,9 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever import checks as arguments
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
@@ -28,7 +28,6 @@ from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["Calibration", "calibrate", "left_out"]
 
-Floats = NDArray[np.float64]
 
 _STARTS = 24  # one start in 4 to one in 12 led to a second minimum: one such minimum in 8 is missed
 _COSTLIER = 25.0  # five sigma: the difference D of two sums of squares is known to 2 sqrt(D)

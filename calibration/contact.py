@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 
 __all__ = ["contact"]
 
-Floats = NDArray[np.float64]
 
 _SURE = 5.0  # det D in its sigma, above which the curvature is significant
 _INNER = 0.8  # share of the contact's radius: derivatives span 3 pixels, and contacts are no sharp circles

@@ -3,16 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.scene import Covariance, Scene
 
 from .predicted import predicted_maps
 
 __all__ = ["Effects", "effects"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

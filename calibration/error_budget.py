@@ -8,13 +8,13 @@ contributions is the captures' noise. Other minima are a separate source.
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
+
+from optolever.arrays import Floats
 
 from .adjust import Adjustment
 
 __all__ = ["error_sources"]
 
-Floats = NDArray[np.float64]
 
 _NOISE = "noise of the calibration's captures"
 _MINIMA = "other rigs that explain the captures nearly as well"

@@ -13,16 +13,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from optolever.arrays import Floats
 from optolever.scene import PinholeCamera, Scene
 
 from .observation import Sample
 
 __all__ = ["open_air_start"]
 
-Floats = NDArray[np.float64]
 
 _LEAST_TURN = 1e-3  # rad of rotation between two images: below, the axis is noise
 

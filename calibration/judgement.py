@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
@@ -26,7 +26,6 @@ from .targets import Flat, Rest
 
 __all__ = ["Judgement", "SoFar", "calibrate_so_far", "judged", "reason_to_repeat"]
 
-Floats = NDArray[np.float64]
 
 _DECODED = 0.5  # of the pixels that see the pattern: below, a capture is to be repeated
 _GAIN = 0.95  # of the last sigma of a depth: above, a capture adds next to nothing

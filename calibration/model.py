@@ -5,15 +5,14 @@ against `scene.trace`, which brackets the intersection and handles edges and sha
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.scene import Scene
 
 from .targets import Shape
 
 __all__ = ["rays_of", "reflected"]
 
-Floats = NDArray[np.float64]
 
 _STEPS = 12
 _SETTLED = 1e-11  # mm

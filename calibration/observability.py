@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from optolever.arrays import Floats
 from optolever.notices import Notice
 
 from .adjust import Adjustment
@@ -21,7 +21,6 @@ from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["BEYOND", "MOST_CHI", "Direction", "beyond_priors", "directions", "lacking", "notices"]
 
-Floats = NDArray[np.float64]
 
 BEYOND = 5.0  # prior sigma from the typed value: above, the adjustment is refused
 _FAR = 3.0  # prior sigma from the typed value: above, the parameter is named

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 
@@ -20,7 +21,6 @@ from .targets import Ball, Flat, Plate, Rest, Target
 
 __all__ = ["Observation", "Sample", "against_rest", "checked", "frame_of", "sampled"]
 
-Floats = NDArray[np.float64]
 
 _GRID = 40  # rows and columns of the sample
 _LEAST_SIGMA = 1e-4  # cells: accuracy limit of the rig's model

@@ -25,6 +25,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence, Response, decode
 from optolever.errors import InputError
 from optolever.files import save_arrays, together
@@ -36,7 +37,6 @@ from optolever.schema import load_record
 
 __all__ = ["RigResponse", "load_response", "measure_response", "store_response", "with_better_fit"]
 
-Floats = NDArray[np.float64]
 #: Degree of the polynomials of log gain: they fit log(1 - t), t up to a half, to 0.3 %.
 _DEGREE = 6
 #: Parts of a capture, whose scatter is the blur's error; approximate number of pixels in the fit of log gain.

@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.scene import Mirror
 
 __all__ = ["Ball", "Flat", "Plate", "Rest", "Shape", "Target", "target_from_text"]
 
-Floats = NDArray[np.float64]
 Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 Values = Mapping[str, float]
 

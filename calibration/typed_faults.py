@@ -3,14 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.scene import Scene, dent, strided, trace
 
 __all__ = ["aim_fault", "rest_fault"]
 
-Floats = NDArray[np.float64]
 
 _SHARE = 1.5  # of the shares of the picture, measured and by the numbers
 _TIMES = 1.3  # of the sizes on the display: beyond what a tape and 60 degrees leave

@@ -8,7 +8,6 @@
 | `elastic.py` | elastic_fits(): place, radius, depth, force by the elastic field around a contact |
 | `contacts.py` | contacts(): their figures |
 | `pressure.py` | pressure and force by the elasticity of the layer |
-| `arrays.py` | names of arrays |
 """
 
 from .contacts import Contact, contacts

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from optolever.arrays import Floats, Map, Mask, norm, rms
 from optolever.quantities import quantity
 from optolever.scene import Layer
 from optolever.schema import built
 
-from .arrays import Floats, Map, Mask, norm, rms
 from .elastic import ElasticFit
 from .pressure import forces_on
 from .regions import Region, areas

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from optolever.arrays import Floats, Ints, Mask, norm
 from optolever.scene import Layer
 
-from .arrays import Floats, Labels, Mask, norm
 from .pressure import BONDED, bonded
 from .regions import Region
 from .surface import Surface
@@ -90,7 +90,7 @@ class _Discs(NamedTuple):
 
     x: Floats
     y: Floats
-    owner: Labels
+    owner: Ints
     size: Floats
     cut: Mask
 

@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optolever.arrays import Circle, Floats, rms
 from optolever.scene import Layer
 
-from .arrays import Circle, Floats, rms
 from .pressure import BONDED, bonded
 from .regions import COLUMNS, Region, areas, regions
 from .surface import LoadFit, Surface

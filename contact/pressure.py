@@ -22,10 +22,9 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from optolever.arrays import Floats, Ints, Mask
 from optolever.blocks import blas_on_one
 from optolever.scene import Layer
-
-from .arrays import Floats, Labels, Mask
 
 __all__ = ["BONDED", "Pressed", "bonded", "deflection", "forces_on"]
 
@@ -50,7 +49,7 @@ class Pressed:
     pressure: Floats
     places: Floats
     pitch: float
-    owner: Labels
+    owner: Ints
     weights: Floats
 
 
@@ -85,7 +84,7 @@ def bonded(poisson: float) -> "scipy.interpolate.CubicSpline":
     )
 
 
-def _squares(cells: list[Floats], radii: list[float], pitch: float) -> tuple[Floats, Labels]:
+def _squares(cells: list[Floats], radii: list[float], pitch: float) -> tuple[Floats, Ints]:
     """Places (n, 2) on a grid in and beside the contacts, and the contact that each is nearest to (n,)."""
     parts = [_beside(at, radius, pitch) for at, radius in zip(cells, radii, strict=True)]
     index, away = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -95,7 +94,7 @@ def _squares(cells: list[Floats], radii: list[float], pitch: float) -> tuple[Flo
     return places * pitch, owner[nearest][first]
 
 
-def _beside(cells: Floats, radius: float, pitch: float) -> tuple[Labels, Floats]:
+def _beside(cells: Floats, radius: float, pitch: float) -> tuple[Ints, Floats]:
     """Places (n, 2), pitches, in and beside a contact, and their distances from its cells in its radius."""
     index, reach = np.rint(cells / pitch).astype(np.int64), math.ceil(_BESIDE * radius / pitch)
     low = index.min(axis=0) - reach
@@ -106,7 +105,7 @@ def _beside(cells: Floats, radius: float, pitch: float) -> tuple[Labels, Floats]
     return places + low, away[tuple(places.T)]
 
 
-def _pressed(matrix: Floats, height: Floats, owner: Labels) -> tuple[Floats, Floats]:
+def _pressed(matrix: Floats, height: Floats, owner: Ints) -> tuple[Floats, Floats]:
     """Pressures (n,) >= 0, and the weights (contacts, n) by which heights add up to the sums of the
     pressures."""
     pressing: Mask = height > 0

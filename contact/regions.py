@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .arrays import Circle, Floats, Map, Mask
+from optolever.arrays import Circle, Floats, Map, Mask
+
 from .surface import Surface, filled
 
 __all__ = ["COLUMNS", "Region", "areas", "regions"]

@@ -10,7 +10,7 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 
-from .arrays import Floats, Ints, Map, Mask
+from optolever.arrays import Floats, Ints, Map, Mask
 
 __all__ = ["LoadFit", "Surface", "filled"]
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from rig_figures import CAMERA, MIRROR, PATTERN
 from sheet import new_figure
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence, decode
 from optolever.patterns import sequence
 from optolever.projector import capture
 from optolever.reconstruct import Grid, PointAnchor, null_space, reconstruct
 from optolever.scene import Scene, Trace, dent_from_text, load, resize, trace
 
-Floats = NDArray[np.float64]
 PRESS = "gaussian:peak=0.2,sigma=6"
 
 

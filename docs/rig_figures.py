@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.scene import Scene, TelecentricCamera, dent_from_text, trace
 
-Floats = NDArray[np.float64]
 MIRROR, PATTERN, CAMERA, RAY = "#1f5f8b", "#c8553d", "#2a9d8f", "#9aa0a8"
 
 

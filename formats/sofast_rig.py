@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import Mirror, Pattern, PinholeCamera, PointTable, Scene
 
 from .sofast_files import COLS, ROWS, Fields, rig_fields
-
-Float = NDArray[np.float64]
 
 __all__ = ["SofastRig", "load_sofast_rig", "on_rig"]
 
@@ -43,11 +42,11 @@ class SofastRig:
 
     scene: Scene
     mask: NDArray[np.bool_]
-    fractions: Float
-    cells: Float
+    fractions: Floats
+    cells: Floats
     datum: tuple[float, float, float]
 
-    def pattern_coordinates(self, x: Float, y: Float) -> tuple[Float, Float]:
+    def pattern_coordinates(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """(u, v) on the scene's pattern of fractions (x, y) of the image; NaN outside `fractions`."""
         place = LinearNDInterpolator(self.fractions, self.cells)(np.stack([x, y], axis=-1))
         return place[..., 0], place[..., 1]
@@ -111,7 +110,7 @@ def _rig(fields: Fields) -> SofastRig:
     return SofastRig(scene, fields["mask_processed"].astype(bool), fractions, cells, (x, y, z))
 
 
-def _lit_box(fields: Fields, centre: Float, to_optic: Float) -> Float:
+def _lit_box(fields: Fields, centre: Floats, to_optic: Floats) -> Floats:
     """Least and largest x, y (2, 2), mm, where the lit pixels look on the optic's plane."""
     row, col = (part.astype(np.float64) for part in np.nonzero(fields["mask_processed"]))
     if not row.size:
@@ -154,7 +153,7 @@ def _lit(images: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(labels == 1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA])))
 
 
-def _screen(fields: Fields) -> tuple[Float, Float]:
+def _screen(fields: Fields) -> tuple[Floats, Floats]:
     """Fractions (n, 2) and their places on the screen (n, 3), mm, of the file's display model."""
     if {"screen_x", "screen_y"} <= fields.keys():
         fractions = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])
@@ -170,7 +169,7 @@ def _screen(fields: Fields) -> tuple[Float, Float]:
     return fractions.T, _MM * np.pad(points.T.astype(np.float64), ((0, 0), (0, 3 - len(points))))
 
 
-def _pattern(origin: Float, axes: Float, fractions: Float, points: Float) -> tuple[Pattern, Float]:
+def _pattern(origin: Floats, axes: Floats, fractions: Floats, points: Floats) -> tuple[Pattern, Floats]:
     """The screen, axes (3, 3) in columns, and the cells (n, 2) of the measured places: flat, 1 mm from their
     corner on; else both fractions by one factor, so that the triangles between places are SOFAST's."""
     corner = np.array([*points[:, :2].min(axis=0), 0.0])
@@ -183,7 +182,7 @@ def _pattern(origin: Float, axes: Float, fractions: Float, points: Float) -> tup
     return Pattern(start, axes[:, 0], axes[:, 1], 1.0, rows=rows, cols=cols, shape=shape), cells
 
 
-def _camera(fields: Fields, origin: Float, rotation: Float) -> PinholeCamera:
+def _camera(fields: Fields, origin: Floats, rotation: Floats) -> PinholeCamera:
     matrix, distortion, (cols, rows) = (
         fields[name].squeeze() for name in ("intrinsic_mat", "distortion_coef", "image_shape_xy")
     )
@@ -192,14 +191,14 @@ def _camera(fields: Fields, origin: Float, rotation: Float) -> PinholeCamera:
     return PinholeCamera(origin, *axes, focal, centre, int(rows), int(cols), distortion)
 
 
-def _unit(vector: Float) -> Float:
+def _unit(vector: Floats) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _rotation(vector: NDArray[Any]) -> Float:
+def _rotation(vector: NDArray[Any]) -> Floats:
     return np.asarray(cv2.Rodrigues(vector.astype(np.float64).ravel())[0], dtype=np.float64)
 
 
-def _vector(fields: Fields, name: str) -> Float:
+def _vector(fields: Fields, name: str) -> Floats:
     """A field in mm; 0 where there is none."""
     return _MM * fields.get(name, np.zeros(3)).astype(np.float64).ravel()

@@ -12,7 +12,6 @@
 | `fringe/` | the picture of a crossed fringe, and one frame of it to a height |
 | `rest/` | prepare(): a rig at rest, prepared for live frames; what has moved since |
 | `serve/` | the page; contacts as CSV, readings by a socket |
-| `arrays.py` | names of arrays |
 """
 
 from .follow import Followed, follow, tared

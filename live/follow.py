@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from optolever.arrays import Frame
 from optolever.camera import ClockMap
 from optolever.errors import InputError
 from optolever.projector import Image
 
-from .arrays import Frame
 from .fringe.chain import rest_state
 from .probes import Probed, Probes
 from .reading import Reading

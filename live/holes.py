@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from .arrays import Cells, Mask
+from optolever.arrays import Cells, Mask
 
 __all__ = ["Holes", "holes_of"]
 

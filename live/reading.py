@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optolever.arrays import Cells, Mask
 from optolever.notices import Notice
 from optolever.records import Comparable, span
 
-from .arrays import Cells, Mask
 from .touches import Force, Touch
 
 __all__ = ["CREPT", "Figures", "Reading"]

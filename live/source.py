@@ -15,12 +15,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from optolever.arrays import Frame, Pixels
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
 from optolever.projector import NOMINAL_SENSOR, Image, capture, footprints, light_of
 from optolever.scene import Scene, Surface, dent
 
-from .arrays import Frame, Pixels
 from .rest.prepare import prepare
 from .rest.prepared import Prepared
 

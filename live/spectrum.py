@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Float, Mask
+from optolever.arrays import Floats, Mask
 
 __all__ = ["Line", "Spectrum", "spectrum_of"]
 
@@ -59,8 +59,8 @@ class Spectrum:
     the lines, mm; rate: frames a second that were taken, jitter: scatter of the times about it, s (NaN: no
     steady rate); seconds: duration; moving: s of it, left out because the height moved as by a press."""
 
-    frequencies: Float
-    amplitudes: Float
+    frequencies: Floats
+    amplitudes: Floats
     lines: tuple[Line, ...]
     floor: float
     rate: float
@@ -160,14 +160,14 @@ class _Fit:
     """Lines at place (m,), Hz; slopes (3, m): cosine, sine, last change of place; gram: normal equations,
     three columns a line at their end; spread: spectrum of what is left; used: frames."""
 
-    place: Float
-    slopes: Float
-    gram: Float
+    place: Floats
+    slopes: Floats
+    gram: Floats
     tables: "_Tables"
-    spread: Float
+    spread: Floats
     used: int
 
-    def waves(self, t: Float) -> Float:
+    def waves(self, t: Floats) -> Floats:
         """Sum of the lines at times (n,)."""
         turns = 2 * math.pi * np.outer(t, self.place)
         return np.asarray(np.cos(turns) @ self.slopes[0] + np.sin(turns) @ self.slopes[1])
@@ -181,12 +181,12 @@ class _Fit:
         return size, math.sqrt(max(variance, 0.0)), math.sqrt(max(float(of[2, 2]), 0.0))
 
 
-def _fit(t: Float, z: Float, moves: Mask, seconds: float, highest: float) -> _Fit:
+def _fit(t: Floats, z: Floats, moves: Mask, seconds: float, highest: float) -> _Fit:
     """Lines of the frames that do not move, found one after the other."""
     part = np.cumsum(np.diff(moves.astype(np.int64), prepend=0) < 0)[~moves]
     t, z = t[~moves], z[~moves]
     tables, drift = _Tables(t, seconds, highest), _drift(t, part)
-    place: Float = np.zeros(0)
+    place: Floats = np.zeros(0)
     left, slopes, gram = _fitted(t, z, drift, place)
     spread, first = tables.spectrum(left), _SLOWEST * _FINE
     while place.size < _LINES and spread.size > first:
@@ -202,7 +202,7 @@ def _fit(t: Float, z: Float, moves: Mask, seconds: float, highest: float) -> _Fi
     return _Fit(place, slopes, gram, tables, spread, t.size)
 
 
-def _by_counter(t: Float, number: Float) -> Float:
+def _by_counter(t: Floats, number: Floats) -> Floats:
     """The line through the times where they scatter by less than a period about it, else the times."""
     if not (np.diff(number) > 0).all():
         return t
@@ -214,15 +214,15 @@ def _by_counter(t: Float, number: Float) -> Float:
 class _Tables:
     """exp(-2 pi i f t) of a grid of frequencies f = k / (fine seconds) as products of two small tables."""
 
-    def __init__(self, t: Float, seconds: float, highest: float, lowest: float = 0.0, fine: int = _FINE):
+    def __init__(self, t: Floats, seconds: float, highest: float, lowest: float = 0.0, fine: int = _FINE):
         step = 1 / (fine * seconds)
         count = max(2, int((highest - lowest) / step) + 1)
         self._side, self._size = math.isqrt(count) + 1, t.size
-        self.frequencies: Float = lowest + step * np.arange(count, dtype=np.float64)
+        self.frequencies: Floats = lowest + step * np.arange(count, dtype=np.float64)
         self._near = _powers(np.zeros(t.size), step * t, self._side)
         self._far = _powers(lowest * t, step * self._side * t, -(-count // self._side))
 
-    def spectrum(self, z: Float) -> Float:
+    def spectrum(self, z: Floats) -> Floats:
         """Amplitudes of values at the times."""
         scale = max(float(np.abs(z).max()), 1e-300)
         sums = (self._far * (z / scale).astype(np.float32)) @ self._near.T
@@ -230,7 +230,7 @@ class _Tables:
         return np.asarray(sizes, np.float64) * (2 * scale / self._size)
 
 
-def _powers(first: Float, each: Float, count: int) -> _Complex:
+def _powers(first: Floats, each: Floats, count: int) -> _Complex:
     """exp(-2 pi i (first + k each)) (count, n), by products: a sine takes ten times longer."""
     factor = np.exp(-2j * math.pi * each)
     table = np.empty((count, first.size), np.complex128)
@@ -240,7 +240,7 @@ def _powers(first: Float, each: Float, count: int) -> _Complex:
     return table.astype(np.complex64)
 
 
-def _rate(t: Float) -> tuple[float, float]:
+def _rate(t: Floats) -> tuple[float, float]:
     """Frames a second of a steady camera, of which some may be missing, and how far the times scatter about
     it, s: exp(2 pi i f t) of a steady rate f has a mean of exp(-2 pi^2 f^2 jitter^2). NaN: there is none."""
     steps, duration = np.diff(t), float(t[-1] - t[0])
@@ -265,7 +265,7 @@ def _rate(t: Float) -> tuple[float, float]:
     return rate, math.sqrt(-math.log(power)) / (2 * math.pi * rate)
 
 
-def _moves(z: Float, lag: int) -> Mask:
+def _moves(z: Floats, lag: int) -> Mask:
     """Frames between which the height changes by far more than it does over most of the time."""
     lag = min(lag, z.size // 8)
     change = np.abs(z[lag:] - z[:-lag])
@@ -281,7 +281,7 @@ def _moves(z: Float, lag: int) -> Mask:
     return np.zeros(z.size, bool) if np.mean(moved) > 0.5 else moved
 
 
-def _drift(t: Float, part: NDArray[Any]) -> Float:
+def _drift(t: Floats, part: NDArray[Any]) -> Floats:
     """Columns of a cubic for every part (n, 4 parts)."""
     columns = []
     for one in np.unique(part):
@@ -292,7 +292,7 @@ def _drift(t: Float, part: NDArray[Any]) -> Float:
     return np.concatenate(columns, axis=1)
 
 
-def _fitted(t: Float, z: Float, drift: Float, place: Float) -> tuple[Float, Float, Float]:
+def _fitted(t: Floats, z: Floats, drift: Floats, place: Floats) -> tuple[Floats, Floats, Floats]:
     """Drift and lines at place (m,), Hz, fitted together: what is left (n,); cosine, sine and change of the
     frequency of the lines (3, m); the normal equations' matrix, three columns a line."""
     turns = 2 * math.pi * np.outer(t, place)
@@ -307,13 +307,13 @@ def _fitted(t: Float, z: Float, drift: Float, place: Float) -> tuple[Float, Floa
     return left, np.stack([a, b, steps[:, 2]]), gram
 
 
-def _solved(gram: Float, right: Float) -> Float:
+def _solved(gram: Floats, right: Floats) -> Floats:
     """Normal equations, scaled; where lines have run into one, the smallest solution."""
     scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     return np.asarray(scale * np.linalg.lstsq(gram * np.outer(scale, scale), right * scale, rcond=1e-10)[0])
 
 
-def _floor_around(spread: Float) -> Float:
+def _floor_around(spread: Floats) -> Floats:
     """Median of the bins around every point."""
     bins = spread[_FINE::_FINE]
     if bins.size <= _AROUND:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from optolever.arrays import Cells, Frame, Mask
 from optolever.contact import Contact, ElasticFit, Region, Surface, contacts, elastic_fits, regions
 from optolever.errors import InputError
 from optolever.kernels import plain
 
-from .arrays import Cells, Frame, Mask
 from .fringe.chain import COMPRESSED, Settled
 from .fringe.circulation import circulations
 from .fringe.strays import settle_without_strays

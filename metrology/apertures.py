@@ -15,16 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.errors import InputError
 from optolever.numbers import parsed, written
 from optolever.pictures import read_mask
 
 __all__ = ["aperture_circle", "aperture_mask", "inscribed_radius", "middle_of"]
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 #: Sizes of each shape, both required but for a circle's.
 _SIZES = {"circle": ("radius",), "ellipse": ("a", "b"), "rectangle": ("width", "height")}
 

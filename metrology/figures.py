@@ -4,15 +4,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 
 from .zernike_terms import FRINGE, zernike
 
 __all__ = ["Verdict", "in_waves", "judge", "pvr", "rms_less_noise"]
 
-Floats = NDArray[np.float64]
 _MOST = 40_000  # points of the fit of PVr
 _COVERAGE = 2.0  # sigmas of the guard band
 _UNITS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "nm": 1e-6, "mrad": 1e-3, "urad": 1e-6, "µrad": 1e-6}

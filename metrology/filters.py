@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 import scipy.ndimage
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.reconstruct import Grid
 
@@ -15,7 +15,6 @@ from .functionals import mean_square_variance, modes_variance, noise_covariance
 
 __all__ = ["gaussian_filter", "kept_variance", "transfer"]
 
-Floats = NDArray[np.float64]
 #: Standard deviation of the weighting function over the cutoff, where half of the amplitude passes:
 #: exp(-pi (r / (alpha cutoff))^2) with alpha = sqrt(ln 2 / pi).
 _SIGMA = float(np.sqrt(np.log(2) / np.pi) / np.sqrt(2 * np.pi))

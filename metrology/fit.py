@@ -9,6 +9,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
 
@@ -22,7 +23,6 @@ __all__ = [
     "slope_noise",
 ]  # fmt: skip
 
-Floats = NDArray[np.float64]
 _STEPS = 30
 _STEEPEST = 1e3  # mm per mm: larger sigmas of slopes are no measurement
 _SETTLED = 1e-9  # rms of the last step's change of the form over the rms residual, at convergence

@@ -24,14 +24,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.numbers import parsed, written
 
 __all__ = ["FORMS", "Form", "form_from_text", "form_names"]
 
-Floats = NDArray[np.float64]
 #: Internal parameters of the model: curvatures instead of radii, to avoid a pole at a flat surface.
 Model = Callable[[Floats, Floats, Floats], Floats]
 

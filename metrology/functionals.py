@@ -16,6 +16,7 @@ import scipy.sparse.csgraph
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 
 __all__ = [
@@ -23,7 +24,6 @@ __all__ = [
     "residual_noise", "root_sigma",
 ]  # fmt: skip
 
-Floats = NDArray[np.float64]
 _BLOCKS = 64  # along the longer side of the image
 _DENSE = 32  # of the covariance of all blocks
 _RANK = 1e-9  # of the largest column: below, a column of the basis is a combination of others

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.numbers import listed
 from optolever.reconstruct import Grid
@@ -14,7 +14,6 @@ from .fit import FormFit
 
 __all__ = ["Profile", "Spectrum", "profile", "profile_of", "spectrum"]
 
-Floats = NDArray[np.float64]
 _KNOWN = 0.999  # minimum share of known points in the rectangle of a spectrum
 _LEAST = 16  # minimum number of points along the axis of a spectrum
 

@@ -17,6 +17,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from optolever.arrays import Floats
 from optolever.errors import InputError, damage_of, require_file
 from optolever.maps import READABLE, read_grid
 from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
@@ -28,7 +29,6 @@ __all__ = [
     "NOMINAL_SUFFIXES", "Nominal", "extended", "fit_nominal", "load_measured", "load_nominal", "surface_of",
 ]  # fmt: skip
 
-Floats = NDArray[np.float64]
 NOMINAL_SUFFIXES = (".npz", *READABLE, ".stl", ".ply")
 _STEPS, _SETTLED = 30, 1e-6  # of the residual's rms
 _WEAK = 1e-6  # of the strongest direction's effect: weaker directions are fixed

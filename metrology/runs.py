@@ -13,6 +13,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.reconstruct import Grid, HeightFlag, HeightMap
 
@@ -21,7 +22,6 @@ from .nominal import extended, surface_of
 
 __all__ = ["RunComparison", "compare_runs", "in_common"]
 
-Floats = NDArray[np.float64]
 _ROUNDS = 20  # of the alternating means, for turns that are not evenly spaced
 
 

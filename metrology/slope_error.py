@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from optolever.arrays import Floats
 
 from .figures import rms_less_noise
 from .filters import transfer
@@ -19,8 +20,6 @@ from .fit import FormFit, differences
 from .functionals import SlopeNoise, mean_square_variance, modes_variance, root_sigma
 
 __all__ = ["SlopeError", "slope_errors"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

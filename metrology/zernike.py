@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, SlopeMap
 
@@ -15,7 +16,6 @@ from .zernike_terms import ansi_index, fringe_index, norm, zernike, zernike_name
 
 __all__ = ["ZernikeFit", "fit_zernike"]
 
-Floats = NDArray[np.float64]
 _MOST = 20  # maximum radial order
 
 

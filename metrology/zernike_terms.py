@@ -7,14 +7,13 @@ ANSI Z80.28, from 0; fringe order: University of Arizona's, from 1.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import eval_jacobi
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 
 __all__ = ["FRINGE", "ansi_index", "fringe_index", "norm", "zernike", "zernike_name"]
 
-Floats = NDArray[np.float64]
 _ORDERS = "Primary", "Secondary", "Tertiary", "Quaternary", "Quinary"
 _SHAPES = {1: "Coma", 2: "Astigmatism", 3: "Trefoil", 4: "Quadrafoil", 5: "Pentafoil", 6: "Hexafoil"}
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.blocks import over_rows
 from optolever.patterns import Sequence
 from optolever.scene import Display, Scene, Surface, Trace, mean_beside, movement, scene_window, trace
@@ -15,7 +16,6 @@ from .groups import FrameGroup, frame_groups
 
 __all__ = ["Footprints", "NumpyOptics", "footprints", "light_of"]
 
-Float = NDArray[np.float64]
 _BLOCK = 4096  # pixels at a time per thread
 
 
@@ -25,13 +25,13 @@ class Footprints:
     passes on (0: no pattern there); boxes_u, boxes_v (P, 2): how far u and v move along a pixel's columns and
     along its rows, cells."""
 
-    u: Float
-    v: Float
-    light: Float
-    boxes_u: Float
-    boxes_v: Float
+    u: Floats
+    v: Floats
+    light: Floats
+    boxes_u: Floats
+    boxes_v: Floats
 
-    def along(self, axis: str) -> Float:
+    def along(self, axis: str) -> Floats:
         """(P, 6): position along the axis and its boxes, then position across it and its boxes."""
         u = np.column_stack([self.u, self.boxes_u])
         v = np.column_stack([self.v, self.boxes_v])
@@ -58,7 +58,7 @@ def footprints(scene: Scene, surface: Surface, start: int, stop: int) -> Footpri
     return Footprints(means[0], means[1], light.ravel(), spread[0], spread[1])
 
 
-def _passed(scene: Scene, seen: Trace) -> Float:
+def _passed(scene: Scene, seen: Trace) -> Floats:
     """Share of the light that the mirror passes on."""
     if scene.medium is None:
         return np.ones(seen.u.shape)
@@ -105,7 +105,7 @@ def look_up(seen: Footprints, group: FrameGroup, blur: float) -> NDArray[np.floa
 
 
 def _kernel(
-    look: Float, light: Float, group: FrameGroup, blur: float, out: NDArray[np.float32]
+    look: Floats, light: Floats, group: FrameGroup, blur: float, out: NDArray[np.float32]
 ) -> Callable[[int, int], None]:
     table = np.ascontiguousarray(group.light)
     levels = (np.ascontiguousarray(group.levels[0]), np.ascontiguousarray(group.levels[1]))

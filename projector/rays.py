@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.scene import Pattern, Scene, TelecentricCamera
 
 __all__ = ["ParallelRays", "RestingRays", "exact_sums", "parallel_rays", "resting_rays"]
 
-Float = NDArray[np.float64]
 _FLOAT_BITS = 24  # of a float32's integers that are exact
 
 
@@ -25,9 +25,9 @@ class RestingRays:
     (mm, along its normal); that is on the plane, or at the foot where the ray does not land near the pattern.
     """
 
-    directions: Float
-    foot: Float
-    end: Float
+    directions: Floats
+    foot: Floats
+    end: Floats
     comes: NDArray[np.bool_]
 
 
@@ -35,9 +35,9 @@ class RestingRays:
 class ParallelRays:
     """Rays of one direction (3,) whose foot (6, 4) and end (6, 3) are linear in the pixel: see exact_sums."""
 
-    direction: Float
-    foot: Float
-    end: Float
+    direction: Floats
+    foot: Floats
+    end: Floats
 
 
 def parallel_rays(scene: Scene) -> ParallelRays | None:
@@ -55,7 +55,7 @@ def parallel_rays(scene: Scene) -> ParallelRays | None:
     return ParallelRays(rays.directions[0], exact_sums(rays.foot, *size), exact_sums(rays.end, *size))
 
 
-def exact_sums(values: Float, rows: int, cols: int) -> Float:
+def exact_sums(values: Floats, rows: int, cols: int) -> Floats:
     """(3, n) at pixels (0, 0), (0, 1), (1, 0) -> (6, n): value, step per column and per row, and their rests.
 
     The first three are so round that value + col step + row step is exact in float32, at half pixels too; the
@@ -68,7 +68,7 @@ def exact_sums(values: Float, rows: int, cols: int) -> Float:
     return np.concatenate([high, terms - high])
 
 
-def resting_rays(scene: Scene, row: Float, col: Float, *, lands: bool | None = None) -> RestingRays:
+def resting_rays(scene: Scene, row: Floats, col: Floats, *, lands: bool | None = None) -> RestingRays:
     """The rays at (row, col), fractions allowed.
 
     lands: whether they end on the pattern's plane or at the foot; None: on the plane where that is near.
@@ -86,8 +86,8 @@ def resting_rays(scene: Scene, row: Float, col: Float, *, lands: bool | None = N
 
 
 def _landings(
-    pattern: Pattern, feet: Float, leaving: Float, lands: bool | None
-) -> tuple[Float, Float, Float, Float]:
+    pattern: Pattern, feet: Floats, leaving: Floats, lands: bool | None
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Ends of the ways that leave feet (..., 3): u, v, height, and the way to there."""
     height = (feet - pattern.origin) @ pattern.normal
     onward = -height / (leaving @ pattern.normal)
@@ -100,7 +100,7 @@ def _landings(
     return u, v, np.where(on, 0.0, height), np.where(on, onward, 0.0)
 
 
-def _is_near(at: Float, cells: int) -> NDArray[np.bool_]:
+def _is_near(at: Floats, cells: int) -> NDArray[np.bool_]:
     """Within a pattern's size of the pattern: farther ways would bring more rounding than they save."""
     near: NDArray[np.bool_] = np.abs(at - 0.5 * (cells - 1)) <= 1.5 * cells
     return near

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from optolever.arrays import Floats, Mask, Pair
 from optolever.blocks import blas_on_one
 from optolever.checks import checked
 from optolever.decode import Correspondence
@@ -19,7 +20,6 @@ from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
 
-from .arrays import Floats, Mask, Pair
 from .heightmap import HeightFlag, HeightMap
 from .judgement.circulation import circulation_chi2, contradicted
 from .judgement.discontinuities import edge_doubt, touched, widened

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.blocks import Work, over_rows
 from optolever.errors import InputError
 from optolever.scene import Scene
-
-from .arrays import Floats
 
 __all__ = [
     *("PAD", "RayField", "flat_mirror", "pattern_plane", "ray_field", "rest_distance", "rest_height"),

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.contact import Contact
 from optolever.decode import Flag
 from optolever.errors import InputError
@@ -21,7 +22,6 @@ from optolever.notices import Judged, Notice, notices_to_array
 from optolever.records import Axes, Comparable, flag_line, plot_maps, span
 from optolever.schema import from_json, load_record, require_shapes
 
-from .arrays import Floats, Mask
 from .outputs.coarse_modes import Modes, expanded, sum_of_squares
 from .outputs.resampling import GRID_FORMATS, Grid, Lean, natural_pitch, resample
 

@@ -14,9 +14,9 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import ArrayLike
 
+from optolever.arrays import Floats, Labels, Mask, Pair
 from optolever.errors import InputError
 
-from .arrays import Floats, Labels, Mask, Pair
 from .solver.edges import edge_weights, increments
 from .solver.poisson import Accuracy, edge_problem
 

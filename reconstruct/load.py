@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.blocks import blas_on_one
 from optolever.contact import Surface, load_fit
 from optolever.notices import Judged
 from optolever.scene import Scene
 
-from .arrays import Floats
 from .heightmap import REST_NOISE, HeightMap
 from .outputs.coarse_modes import coarse_step, filled
 from .problem import Problem

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from optolever.arrays import Floats, Mask, Pair, some_rows
 from optolever.blocks import over_image, over_rows
 from optolever.kernels import kernel
 from optolever.scene import PatternShape
 
-from .arrays import Floats, Mask, Pair, some_rows
 from .geometry import PAD, RayField, rest_distance
 
 __all__ = ["Measured"]

@@ -8,11 +8,11 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Labels, Mask, Pair
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import Pattern, Scene
 
-from .arrays import Floats, Labels, Mask, Pair
 from .geometry import RayField, pattern_plane, ray_field
 from .judgement.holes import bridged, small_holes
 from .measured import Measured

@@ -6,11 +6,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from optolever.arrays import Floats, Mask, middle, some_rows
 from optolever.decode import Correspondence, Flag
 from optolever.notices import Judged
 from optolever.scene import Mirror
 
-from .arrays import Floats, Mask, middle, some_rows
 from .heightmap import Diagnostics, HeightFlag, HeightMap
 from .judgement.discontinuities import surest
 from .problem import Problem

@@ -8,7 +8,8 @@ largest slope), but not in shorter ones than 1/4096 of the mirror.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from optolever.arrays import Mask
 
 from .fields import Float
 from .mirror import Mirror
@@ -25,8 +26,6 @@ _EXHAUSTED = 1e-15  # of the distance: a bracket this narrow holds no other numb
 _NEARLY = 1e-12  # of the mirror's length: a Newton step this short is followed by no other
 _MARCH = 4096  # shortest marching steps that cross the mirror
 _INSIDE = 1e-9  # of the mirror's length: distance that counts as on the surface; marching rays meet it deeper
-
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def first_meeting(origins: Float, directions: Float, surface: Surface, bounds: B
     return t
 
 
-def meets_again(points: Float, directions: Float, distances: Float, surface: Surface, bounds: Bounds) -> Bool:
+def meets_again(points: Float, directions: Float, distances: Float, surface: Surface, bounds: Bounds) -> Mask:
     """Whether rays (3, n) that leave the surface at `points` meet it again within `distances` (mm)."""
     again = np.zeros(distances.shape, np.bool_)
     risky = ~_is_steady(directions, bounds, 1.0)
@@ -86,9 +85,9 @@ def meets_again(points: Float, directions: Float, distances: Float, surface: Sur
     return again
 
 
-def _is_steady(directions: Float, bounds: Bounds, sign: float) -> Bool:
+def _is_steady(directions: Float, bounds: Bounds, sign: float) -> Mask:
     """Rays on which F only rises (sign 1) or falls (sign -1)."""
-    steady: Bool = sign * directions[2] > bounds.slope * np.hypot(directions[0], directions[1])
+    steady: Mask = sign * directions[2] > bounds.slope * np.hypot(directions[0], directions[1])
     return steady
 
 

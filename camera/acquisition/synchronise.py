@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.projector import Accepted, Camera, Display, Time
@@ -25,7 +26,6 @@ from .sync_result import Timing
 
 __all__ = ["FlipRecord", "fit_timing", "sync_notices", "synchronise"]
 
-Float = NDArray[np.float64]
 
 _BANDS = 16
 _FLIPS = 60
@@ -53,13 +53,13 @@ class FlipRecord:
     and the level (0 or 1) after each; delays_s (N,) from stamp to arrival; flicker: of white images.
     """
 
-    stamps_s: Float
+    stamps_s: Floats
     sigma_s: float
-    brightness: Float
-    bands: Float
-    swaps_s: Float
-    levels: Float
-    delays_s: Float
+    brightness: Floats
+    bands: Floats
+    swaps_s: Floats
+    levels: Floats
+    delays_s: Floats
     flicker: float
 
 
@@ -92,7 +92,7 @@ def _record_flips(display: Display, arrivals: Arrivals, seed: int, flips: int) -
         white += [float(np.nanmean(bands(image.pixels)))] if image.complete else []
         if len(white) == _WHITE_IMAGES:
             break
-    rows: list[Float] = []
+    rows: list[Floats] = []
     times: list[tuple[float, float, float]] = []
 
     def watch(until: float) -> None:
@@ -120,11 +120,11 @@ def _record_flips(display: Display, arrivals: Arrivals, seed: int, flips: int) -
     )
 
 
-def _still(display: Display, level: int, arrivals: Arrivals) -> Float:
+def _still(display: Display, level: int, arrivals: Arrivals) -> Floats:
     """The display at one level, half a second after its swap or later. InputError if no images come."""
     now = arrivals.time.now
     display.show(level)
-    limit, seen = now() + _PATIENCE_S, list[Float]()
+    limit, seen = now() + _PATIENCE_S, list[Floats]()
     while len(seen) < 2 and now() < limit:
         images = (image for image, _ in arrivals.until(now() + _STILL_S))
         seen += [np.asarray(image.pixels, np.float64) for image in images if image.complete]
@@ -136,7 +136,7 @@ def _still(display: Display, level: int, arrivals: Arrivals) -> Float:
 class _Bands:
     """Mean brightness of the lit pixels in bands of rows."""
 
-    def __init__(self, black: Float, white: Float) -> None:
+    def __init__(self, black: Floats, white: Floats) -> None:
         swing = white - black
         top = float(np.percentile(swing, 99.5))
         if top < _SWING:
@@ -155,7 +155,7 @@ class _Bands:
     def _middle(part: slice, lit: NDArray[np.bool_], rows: int) -> float:
         return float((part.start + lit.sum(axis=1) @ (np.arange(len(lit)) + 0.5) / lit.sum()) / rows)
 
-    def __call__(self, pixels: NDArray[np.number]) -> Float:
+    def __call__(self, pixels: NDArray[np.number]) -> Floats:
         return np.array([pixels[part][lit].mean() for part, lit in self._parts])
 
 
@@ -198,11 +198,11 @@ def fit_timing(taken: FlipRecord, accepted: Accepted, refresh_s: float | None) -
     )
 
 
-def _scaled(brightness: Float, model: Float) -> Float:
+def _scaled(brightness: Floats, model: Floats) -> Floats:
     """Brightness (N, ...) by its best gain and offset on the model's light."""
     centred, off = model - model.mean(axis=0), brightness - brightness.mean(axis=0)
     gain = (centred * off).sum(axis=0) / np.maximum((centred**2).sum(axis=0), 1e-12)
-    scaled: Float = model.mean(axis=0) + off / gain
+    scaled: Floats = model.mean(axis=0) + off / gain
     return scaled
 
 
@@ -243,12 +243,12 @@ def sync_notices(timing: Timing) -> tuple[Notice, ...]:
     return tuple(found)
 
 
-def _starts(numbers: Float, taken: FlipRecord) -> Float:
+def _starts(numbers: Floats, taken: FlipRecord) -> Floats:
     """Starts of the exposures (N, B), on the time of swaps."""
     return np.asarray(taken.stamps_s[:, None] + numbers[3] * taken.bands - numbers[0])
 
 
-def _light(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> Float:
+def _light(numbers: Floats, taken: FlipRecord, exposure: float, swaps: Floats) -> Floats:
     """Mean light (N, B) over the exposures; numbers: latency, rise, fall, shutter."""
     levels, starts = taken.levels, _starts(numbers, taken)
     taus = np.where(levels > 0.5, numbers[1], numbers[2])
@@ -261,7 +261,7 @@ def _light(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> 
     parts = levels[:-1] * steps + (states - levels)[:-1] * taus[:-1] * gone
     totals = np.concatenate([[0.0], np.cumsum(parts)])
 
-    def integral(times: Float) -> Float:
+    def integral(times: Floats) -> Floats:
         k = np.maximum(np.searchsorted(swaps, times, side="right") - 1, 0)
         since = times - swaps[k]
         gone = -np.expm1(-np.maximum(since, 0.0) / taus[k])
@@ -270,7 +270,7 @@ def _light(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> 
     return (integral(starts + exposure) - integral(starts)) / exposure
 
 
-def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) -> Float:
+def _residual(numbers: Floats, taken: FlipRecord, exposure: float, swaps: Floats) -> Floats:
     """Brightness less the model's best gain and offset of each band, over the swing; (N B,)."""
     model = _light(numbers, taken, exposure, swaps)
     model = model - model.mean(axis=0)
@@ -279,11 +279,13 @@ def _residual(numbers: Float, taken: FlipRecord, exposure: float, swaps: Float) 
     return np.asarray(((seen - gain * model) / np.ptp(taken.brightness, axis=0)).ravel())
 
 
-def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) -> tuple[Float, Float, Float]:
+def _fit(
+    taken: FlipRecord, exposure: float, swaps: Floats, start: Floats | None
+) -> tuple[Floats, Floats, Floats]:
     """Numbers, residuals, derivatives: least squares from `start`, else from the best of a grid of latencies,
     cells and shutters."""
 
-    def cost(numbers: Float) -> float:
+    def cost(numbers: Floats) -> float:
         return float(np.sum(_residual(numbers, taken, exposure, swaps) ** 2))
 
     starts = [start] if start is not None else []
@@ -308,7 +310,7 @@ def _fit(taken: FlipRecord, exposure: float, swaps: Float, start: Float | None) 
     return best.x, best.fun, best.jac
 
 
-def _lateness(taken: FlipRecord, exposure: float, numbers: Float, lateness: Float) -> Float:
+def _lateness(taken: FlipRecord, exposure: float, numbers: Floats, lateness: Floats) -> Floats:
     """(F,) s, delay of each swap's light relative to the fit, one after the other, given the others'
     estimates; 0 where that explains no more than chance does."""
     swaps, found, starts = taken.swaps_s + lateness, lateness.copy(), _starts(numbers, taken)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.calibration import calibrate, default_priors
 from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
@@ -28,7 +29,6 @@ from .rigs import Capturer, Rig, correspondence_of, frame_change, open_air, pris
 
 __all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
 
-Floats = NDArray[np.float64]
 
 _EDGE = 0.1  # of the mirror's length: where noise figures hold from (reconstruct's)
 _SHARE = 0.999  # of the modes' variance: how many are counted

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from optolever.arrays import Floats
 from optolever.calibration import Ball, Flat, Observation, Rest, default_priors
 from optolever.decode import Correspondence
 from optolever.scene import (
@@ -32,7 +32,6 @@ __all__ = [
     "shape_surface",
 ]  # fmt: skip
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 Capturer = Callable[[Scene, Surface, int], Correspondence]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from math import nan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optolever import InputError
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.reconstruct import PixelAnchor, reconstruct
 from optolever.scene import (
@@ -33,7 +33,6 @@ from .rigs import behind_face, dented, form, shape_surface
 
 __all__ = ["KINDS", "TypedRun", "typed_runs"]
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 _NOISE = 0.01  # px

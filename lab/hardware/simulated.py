@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.projector import Accepted, Identity, Image, Shown, Wanted
 
 __all__ = [
@@ -12,7 +13,6 @@ __all__ = [
     "drawn_setting",
 ]  # fmt: skip
 
-Float = NDArray[np.float64]
 
 BLACK, SWING = 20.0, 200.0  # levels
 SETTINGS = 20
@@ -102,11 +102,11 @@ class SimulatedDisplay:
     """patterns (K, 8), 0 to 1: what its columns show. Cells follow exponentially."""
 
     def __init__(
-        self, setting: Setting, time: SimulatedTime, patterns: Float, rng: np.random.Generator
+        self, setting: Setting, time: SimulatedTime, patterns: Floats, rng: np.random.Generator
     ) -> None:
         self._setting, self._time, self.patterns, self._rng = setting, time, patterns, rng
         #: times at which cells begin to move, where they go, where they are then, light until then
-        self._moves: list[tuple[float, Float, Float, Float]] = [
+        self._moves: list[tuple[float, Floats, Floats, Floats]] = [
             (0.0, patterns[0], patterns[0].copy(), np.zeros(_COLUMNS))
         ]
 
@@ -126,7 +126,7 @@ class SimulatedDisplay:
         self._moves = [*self._moves[-7:], (light, self.patterns[index], state, total)]
         return Shown(index, float(blank))
 
-    def _at(self, time: float, move: tuple[float, Float, Float, Float]) -> tuple[Float, Float]:
+    def _at(self, time: float, move: tuple[float, Floats, Floats, Floats]) -> tuple[Floats, Floats]:
         """Light of the cells, and what has come of it so far."""
         begin, target, state, total = move
         since = time - begin
@@ -134,11 +134,11 @@ class SimulatedDisplay:
         left = np.exp(-since / tau)
         return target + (state - target) * left, total + target * since + (state - target) * tau * (1 - left)
 
-    def light(self, begin: float, end: float) -> Float:
+    def light(self, begin: float, end: float) -> Floats:
         """Mean light of the columns (8,) between two times."""
         return (self._total(end) - self._total(begin)) / (end - begin)
 
-    def _total(self, time: float) -> Float:
+    def _total(self, time: float) -> Floats:
         for move in reversed(self._moves):
             if move[0] <= time:
                 return self._at(time, move)[1]
@@ -236,7 +236,7 @@ class SimulatedCamera:
         return np.clip(np.rint(BLACK + SWING * image + noise), 0, 255).astype(np.uint8)
 
 
-def codes(count: int, rng: np.random.Generator) -> Float:
+def codes(count: int, rng: np.random.Generator) -> Floats:
     """Patterns that differ in some column from all others, and in most from the one before."""
     found = rng.choice(2**_COLUMNS, count, replace=False)
     return ((found[:, None] >> np.arange(_COLUMNS)) & 1).astype(np.float64)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.reconstruct import reconstruct
@@ -26,7 +26,6 @@ from .record import Row
 
 __all__ = ["rows"]
 
-Floats = NDArray[np.float64]
 Rng = np.random.Generator
 
 _PART, _ANY = "heights", "any"

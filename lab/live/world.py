@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
+from optolever.arrays import Floats
 from optolever.blocks import over_rows
 from optolever.kernels import exact, inlined
 from optolever.patterns import Sequence
@@ -23,7 +24,6 @@ from optolever.scene import Scene
 
 from ..figures.pressed import on_layer
 
-Float = NDArray[np.float64]
 GAUSS, BALL, PUNCH, LAYERED = 0, 1, 2, 3
 _THICK = 2.5  # radii of a contact: the layer
 _NEAREST, _STEP = 14.0, 0.01  # radii: end and step of the table of its deflection
@@ -37,9 +37,9 @@ class World:
     end at the camera's edge."""
 
     shape: tuple[int, int]
-    camera: Float
-    plane: Float
-    size: Float
+    camera: Floats
+    plane: Floats
+    size: Floats
     index: float
     blur: float
     fading: bool = True
@@ -67,9 +67,9 @@ class World:
         light: NDArray[np.float32] = self._run(dents, side, np.stack(tables))[0]
         return light
 
-    def truth(self, dents: ArrayLike) -> Float:
+    def truth(self, dents: ArrayLike) -> Floats:
         """u, v, z, x, y (5, H, W) of the pixels' centres."""
-        truth: Float = self._run(dents, 1, np.zeros((1, 1, 1), np.float32))[1]
+        truth: Floats = self._run(dents, 1, np.zeros((1, 1, 1), np.float32))[1]
         return truth
 
     def _run(self, dents: ArrayLike, side: int, tables: NDArray[np.float32]) -> Any:
@@ -112,7 +112,7 @@ def photons(light: NDArray[np.float32], rng: np.random.Generator, electrons: flo
 
 
 @cache
-def _on_layer() -> Float:
+def _on_layer() -> Floats:
     """Deflection (n, 2) and its slope by the distance in radii, 1 in the middle."""
     one = on_layer(1.0, 1.0, _THICK, 0.5)
     table, r = one.table(), np.arange(0, _NEAREST, _STEP)

@@ -8,9 +8,9 @@ from typing import Annotated
 import cv2
 import numpy as np
 
+from optolever.arrays import Cells, Frame, Mask
 from optolever.kernels import kernel
 
-from ..arrays import Cells, Frame, Mask
 from .chord import Linearised, chord_step
 from .picture import Carriers, Fit, State, fit_step
 from .unwrap import beside_tears, torn, unwrapped

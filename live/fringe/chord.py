@@ -14,16 +14,16 @@ from typing import Annotated, TypeVar
 
 import numpy as np
 
+from optolever.arrays import Cells, Floats, Mask
 from optolever.blocks import over_rows
 from optolever.kernels import inlined, kernel
 from optolever.reconstruct import ColumnPoisson, integrate
 
-from ..arrays import Cells, Float, Mask
 from .rays_at_rest import AnchorLine, RestRays
 
 __all__ = ["Linearised", "chord_step", "linearised", "slopes_at"]
 
-Real = TypeVar("Real", Cells, Float)
+Real = TypeVar("Real", Cells, Floats)
 
 _f4 = np.float32
 _ITERATIONS = 4  # of conjugate gradients: more take the heights no nearer to the truth
@@ -60,7 +60,7 @@ def linearised(rays: RestRays, line: AnchorLine, lit: Mask) -> Linearised:
     rows, cols = lit.shape
     zero = np.zeros((rows, cols))
 
-    def at(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
+    def at(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Floats:
         return slopes_at(rays.planes, steps, np.stack([zero + du, zero + dv]), zero + tau)
 
     by_tau = (at(tau=_STEP) - at(tau=-_STEP)) / (2 * _STEP)
@@ -139,17 +139,17 @@ def _divergence(rig: Linearised, increments: Cells, x: Cells, trust: Cells) -> C
     return out
 
 
-def _amid(field: Float, axis: int) -> Float:
+def _amid(field: Floats, axis: int) -> Floats:
     first, second = np.delete(field, -1, axis), np.delete(field, 0, axis)
     return np.asarray(0.5 * (first + second))
 
 
-def _weights(variance: Float, seen: Mask) -> Float:
+def _weights(variance: Floats, seen: Mask) -> Floats:
     """Inverse mean variances (n,) of the columns of edges; where none is lit, of all."""
     total = float(np.mean(variance[seen])) if seen.any() else float(np.mean(variance))
     count = seen.sum(axis=0)
     mean = np.where(seen, variance, 0.0).sum(axis=0) / np.maximum(count, 1)
-    weights: Float = 1 / np.where(count > 0, mean, total)
+    weights: Floats = 1 / np.where(count > 0, mean, total)
     return weights
 
 

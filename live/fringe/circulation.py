@@ -5,7 +5,7 @@ Its size by noise is measured when a rig is prepared; wrong fringe orders, torn 
 
 import numpy as np
 
-from ..arrays import Cells, Float, Mask
+from optolever.arrays import Cells, Floats, Mask
 
 __all__ = ["BLOCKS", "circulations"]
 
@@ -13,7 +13,7 @@ BLOCKS = (8, 32)  # cells along a block's side
 _OVER = 8  # blocks overlap by all but so many parts of a side
 
 
-def circulations(slopes: Cells, good: Mask) -> Float:
+def circulations(slopes: Cells, good: Mask) -> Floats:
     """Mean square circulation around the complete blocks of each size (2,), mm^2, by the trapezoidal rule; 0
     without one. slopes (2, R, C): mm per cell, along columns and rows."""
     p, q = np.where(good, slopes, 0).astype(np.float64)
@@ -24,14 +24,14 @@ def circulations(slopes: Cells, good: Mask) -> Float:
     return np.array([_mean_square(from_left - from_top, known, block) for block in BLOCKS])
 
 
-def _mean_square(line: Float, known: Float, block: int) -> float:
+def _mean_square(line: Floats, known: Floats, block: int) -> float:
     """line (R, C): line integrals from the left less those from the top; known: good cells above and left."""
     every = max(block // _OVER, 1)
     rows, cols = (count - block for count in line.shape)
     if min(rows, cols) <= 0:
         return 0.0
 
-    def over(values: Float, side: int) -> Float:
+    def over(values: Floats, side: int) -> Floats:
         """Second difference over the corners of every block."""
         a, b = values[:rows:every], values[side : side + rows : every]
         after = slice(side, side + cols, every)

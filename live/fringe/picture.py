@@ -17,10 +17,9 @@ from typing import Annotated
 import cv2
 import numpy as np
 
+from optolever.arrays import Cells, Frame, Pixels
 from optolever.blocks import over_rows
 from optolever.kernels import inlined, kernel
-
-from ..arrays import Cells, Frame, Pixels
 
 __all__ = ["CELLS", "Carriers", "Fit", "State", "fit_step", "model", "to_cells", "window_mean"]
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
+from optolever.arrays import Floats, Mask
 from optolever.scene import Scene
-
-from ..arrays import Float, Mask
 
 __all__ = ["AnchorLine", "RestRays", "anchor_line", "rest_rays", "rim"]
 
@@ -24,13 +23,13 @@ class RestRays:
     of the rest point o + t d at constant t, and of d, a cell; the same along rows. points (3, R, C): of the
     mirror, mm. step_u, step_v (3,): mm a turn."""
 
-    planes: Float
-    points: Float
-    step_u: Float
-    step_v: Float
+    planes: Floats
+    points: Floats
+    step_u: Floats
+    step_v: Floats
 
     @property
-    def directions(self) -> Float:
+    def directions(self) -> Floats:
         """(3, R, C), unit."""
         return self.planes[3:6]
 
@@ -48,9 +47,9 @@ class AnchorLine:
     distance along the ray less that at rest and p, q its slopes (mm a cell); (R, C) each. edge: it is the
     mirror's camera-side edge; else the rim of the lit area."""
 
-    distance: Float
-    per_col: Float
-    per_row: Float
+    distance: Floats
+    per_col: Floats
+    per_row: Floats
     edge: bool
 
 
@@ -108,17 +107,17 @@ def rim(lit: Mask) -> Mask:
     return np.asarray(lit & ~scipy.ndimage.binary_erosion(lit, np.ones((side, side))))
 
 
-def _change(field: Float, axis: int) -> Float:
+def _change(field: Floats, axis: int) -> Floats:
     """4th-order central difference a cell, of the inner cells."""
 
-    def at(shift: int) -> Float:
+    def at(shift: int) -> Floats:
         return np.roll(field, -shift, axis)
 
-    change: Float = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / 12
+    change: Floats = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / 12
     return change[:, _PAD:-_PAD, _PAD:-_PAD]
 
 
-def _finite(planes: Float) -> Float:
+def _finite(planes: Floats) -> Floats:
     """Cells whose ray meets no mirror or no pattern take the planes' medians: they are not lit."""
     bad = ~np.isfinite(planes).all(axis=0)
     if bad.any():

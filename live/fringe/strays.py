@@ -8,7 +8,8 @@ second fit, and where not all others agree in the end, the fit stays as it was."
 import cv2
 import numpy as np
 
-from ..arrays import Cells, Frame, Mask, Pixels
+from optolever.arrays import Cells, Frame, Mask, Pixels
+
 from .chain import LEAST_SHARE, Rig, Settled, settle
 from .picture import model, to_cells, window_mean
 

@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Cells, Mask
 from optolever.kernels import exact
-
-from ..arrays import Cells, Mask
 
 __all__ = ["TORN", "beside_tears", "torn", "unwrapped"]
 

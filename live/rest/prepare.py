@@ -10,6 +10,7 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import ArrayLike
 
+from optolever.arrays import Cells, Floats, Frame, Mask
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -17,7 +18,6 @@ from optolever.patterns import Sequence
 from optolever.records import logged
 from optolever.scene import Scene
 
-from ..arrays import Cells, Float, Frame, Mask
 from ..fringe.chain import LEAST_SHARE, Rig, rest_state, settle
 from ..fringe.chord import linearised
 from ..fringe.circulation import BLOCKS, circulations
@@ -208,7 +208,7 @@ def _gradient(carriers: Carriers) -> Cells:
     """Changes of the rest map's turns a cell (4, R, C); those of cells that are not lit are medians."""
     seen = to_cells(carriers.lit, carriers.cell) > 0.999
     lit: Mask = scipy.ndimage.binary_erosion(seen, border_value=1)
-    planes: list[Float] = []
+    planes: list[Floats] = []
     for axis in (1, 0):
         for turns in (carriers.turn_u, carriers.turn_v):
             change = np.gradient(to_cells(turns, carriers.cell), axis=axis)

@@ -7,13 +7,13 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
+from optolever.arrays import Cells, Floats
 from optolever.errors import InputError
 from optolever.files import load_arrays, save_arrays
 from optolever.notices import Notice, notices_from_array, notices_to_array
 from optolever.scene import Layer
 from optolever.schema import built
 
-from ..arrays import Cells, Float
 from ..fringe.chain import Rig
 from ..fringe.picture import CELLS
 
@@ -30,7 +30,7 @@ class Noise:
     independent cells would make a fit of all cells scatter as much as it does."""
 
     sigma: Annotated[Cells, "R C"]
-    curl: Annotated[Float, "2"]
+    curl: Annotated[Floats, "2"]
     draws: Annotated[Cells, "K R C"]
     displacement: Annotated[Cells, "2"]
 

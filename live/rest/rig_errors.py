@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
+from optolever.arrays import Floats, Mask
 from optolever.scene import Scene, adjusted, parameter_values, rig_covariance
 
-from ..arrays import Float, Mask
 from ..fringe.chord import slopes_at
 from ..fringe.rays_at_rest import RestRays, rest_rays
 
@@ -43,11 +43,11 @@ def relative_error(scene: Scene, lit: Mask, cell: int, period: float) -> float:
     return math.sqrt(total)
 
 
-def _slopes(rays: RestRays) -> Float:
+def _slopes(rays: RestRays) -> Floats:
     """Change of the height from a cell to the next, along columns and rows, by a turn of du, dv (4, R, C)."""
     steps, zero = np.stack([rays.step_u, rays.step_v]), np.zeros(rays.planes.shape[1:])
 
-    def at(du: float, dv: float) -> Float:
+    def at(du: float, dv: float) -> Floats:
         return slopes_at(rays.planes, steps, np.stack([zero + du, zero + dv]), zero)
 
     parts = [(at(*(_TURNS * t)) - at(*(-_TURNS * t))) / (2 * _TURNS) for t in np.eye(2)]

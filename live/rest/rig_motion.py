@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optolever.arrays import Cells, Circle, Floats, Mask
 from optolever.contact import far_field, fit
 from optolever.scene import Layer
 
-from ..arrays import Cells, Float, Mask
 from ..fringe.chain import Rig
 from ..fringe.chord import chord_step, slopes_at
 
@@ -35,8 +35,6 @@ _NEAR = 0.02  # of a radius: differences of the far field
 _PRIOR = (0.5, 0.2, 0.2, 0.2, 1.0)  # of a contact's depth: sigma of its terms at its edge
 _EXCESS, _INDEPENDENT = 1.3, 9.0  # variance over noise that counts as misfit; its independent samples
 _REWEIGHTED, _KEPT = 5, 0.842  # fits, each by the residuals of the last; of the noise's variance so weighted
-
-Circle = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +51,13 @@ class RigMotion:
     heights: Cells
     slopes: Cells
     turn: float
-    at: Float
-    x: Float
-    y: Float
-    shapes: Float
-    by_height: Float
-    by_slope: Float
-    anchor: Float
+    at: Floats
+    x: Floats
+    y: Floats
+    shapes: Floats
+    by_height: Floats
+    by_slope: Floats
+    anchor: Floats
     sinking: float
     tilt: float
 
@@ -164,7 +162,7 @@ def _outside(creep: RigMotion, good: Mask, circles: Sequence[Circle]) -> Mask:
     return np.asarray(away > far)
 
 
-def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Float:
+def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequence[float]) -> Floats:
     """Over the standard deviations of the amplitudes of contacts' terms (5 n,), at a place on the edge where
     none is zero."""
     x, y, radius = np.array(circles, np.float64).reshape(-1, 3).T
@@ -173,7 +171,7 @@ def _inverse_priors(layer: Layer | None, circles: Sequence[Circle], depths: Sequ
     return np.asarray(np.abs(each) / (np.array(_PRIOR) * np.array(depths)[:, None])).ravel()
 
 
-def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -> Float:
+def _terms(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
     """Heights (5 n, m) at places (m,): the far field, and the flank of a Gaussian dent that fades."""
     if not circles:
         return np.zeros((0, x.size))
@@ -182,7 +180,7 @@ def _terms(layer: Layer | None, circles: Sequence[Circle], x: Float, y: Float) -
     return np.concatenate([fields, np.exp2(-q2)[:, None]], axis=1).reshape(5 * len(circles), x.size)
 
 
-def _loads(creep: RigMotion, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Float:
+def _loads(creep: RigMotion, layer: Layer | None, circles: Sequence[Circle], use: Mask) -> Floats:
     """Displacements (4 n, 2, m) by far fields of amplitude 1 mm."""
     x, y = creep.x[use], creep.y[use]
     step = _NEAR * min((circle[2] for circle in circles), default=1.0)
@@ -216,7 +214,7 @@ def _solved(rig: Rig, shape: Cells) -> tuple[Cells, Cells]:
     return np.asarray(tau * rig.normal / _STEP, np.float32), np.asarray(slope / _STEP, np.float32)
 
 
-def _sampled(rig: Rig) -> Float:
+def _sampled(rig: Rig) -> Floats:
     """Rows and columns (2, n) of the cells of a fit: those with a complete window."""
     every = max(1, round(math.sqrt(rig.lit.size / _SAMPLES)))
     use = np.zeros(rig.lit.shape, np.bool_)
@@ -225,12 +223,12 @@ def _sampled(rig: Rig) -> Float:
     return np.stack(np.nonzero(whole if whole.any() else use & rig.lit))
 
 
-def _by_heights(rig: Rig, points: Cells, at: Float) -> tuple[Float, Float]:
+def _by_heights(rig: Rig, points: Cells, at: Floats) -> tuple[Floats, Floats]:
     """See RigMotion: the linearised equations at rest, turned round."""
     planes, steps = (part.astype(np.float64) for part in (rig.mirror.planes, rig.mirror.steps))
     zero = np.zeros(rig.lit.shape)
 
-    def change(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Float:
+    def change(du: float = 0.0, dv: float = 0.0, tau: float = 0.0) -> Floats:
         one, other = (
             slopes_at(planes, steps, np.stack([zero + s * du, zero + s * dv]), zero + s * tau)
             for s in (1, -1)

@@ -25,10 +25,10 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from optolever.arrays import Cells, Frame
 from optolever.errors import InputError
 from optolever.files import plain
 
-from ..arrays import Cells, Frame
 from ..follow import Followed, follow, tared
 from ..probes import TRACES, Probes
 from ..recorded import ReadingRecorder

@@ -18,13 +18,13 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats
 from optolever.errors import InputError, damage_of, require_file
 
 from .write import DAT_MAGIC, DAT_STEPS, DAT_UNKNOWN, WFT_NM
 
 __all__ = ["READABLE", "GridMap", "read_grid"]
 
-Floats = NDArray[np.float64]
 _METRES, _SQUARE = 1e3, 1e-6  # mm per m; relative difference of the pitches along x and y
 _X3P_TYPES = {"D": "<f8", "F": "<f4", "L": "<i4", "I": "<i2"}
 _DATX_UNITS = {"NanoMeters": 1e-6, "MicroMeters": 1e-3, "MilliMeters": 1.0, "Meters": 1e3}

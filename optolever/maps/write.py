@@ -17,14 +17,13 @@ import tifffile
 from numpy.typing import NDArray
 
 from optolever import __version__
+from optolever.arrays import Floats, Mask
 from optolever.errors import InputError
 from optolever.files import atomic_file
 
 __all__ = ["DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen",
            "require_format", "write_tiff"]  # fmt: skip
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _METRES = 1e-3  # per mm
 _DISC = 0.9  # of the circle around the known points, that they fill at least

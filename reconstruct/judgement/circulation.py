@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import scipy.special
 
+from optolever.arrays import Floats, Mask, middle
 from optolever.notices import Judged
 
-from ..arrays import Floats, Mask, middle
 from ..measured import Measured
 from ..solver.edges import increments
 from ..solver.newton import State

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Mask
+from optolever.arrays import Floats, Mask
+
 from ..solver.edges import Doubt, cubic_at_end, cubic_inside
 
 __all__ = ["edge_doubt", "surest", "touched", "widened"]

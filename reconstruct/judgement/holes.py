@@ -17,7 +17,8 @@ import scipy.ndimage
 import scipy.sparse
 import scipy.sparse.linalg
 
-from ..arrays import Floats, Mask, Pair
+from optolever.arrays import Floats, Mask, Pair
+
 from ..measured import Measured
 
 __all__ = ["bridged", "interpolation", "noise_gain", "small_holes"]

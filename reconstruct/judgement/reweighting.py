@@ -8,7 +8,8 @@ median of |r| sqrt(w), one for noise as announced.
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Ints, Mask, Pair
+from optolever.arrays import Floats, Ints, Mask, Pair
+
 from .holes import LARGEST
 
 __all__ = ["CAUCHY", "patches", "wrong_pixels"]

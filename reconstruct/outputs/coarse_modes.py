@@ -5,10 +5,9 @@ import scipy.ndimage
 import scipy.sparse
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.errors import InputError
 from optolever.memory import require_room
-
-from ..arrays import Floats, Mask
 
 __all__ = ["Modes", "coarse_step", "expanded", "filled", "sum_of_squares"]
 

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.blocks import over_rows
 from optolever.errors import InputError
 from optolever.files import save_arrays
@@ -18,7 +19,6 @@ from optolever.kernels import exact
 from optolever.records import Comparable
 from optolever.schema import load_record
 
-from ..arrays import Floats
 from .slope_map import SlopeMap
 
 __all__ = ["CurvatureMap", "curvature_map"]

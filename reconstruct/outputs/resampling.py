@@ -15,14 +15,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.errors import InputError
 from optolever.files import save_arrays
 from optolever.kernels import exact
 from optolever.maps import REGULAR, chosen
 from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.schema import load_record
-
-from ..arrays import Floats, Mask
 
 __all__ = ["GRID_FORMATS", "Grid", "Lean", "gradients", "natural_pitch", "resample"]
 

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.files import save_arrays
@@ -21,7 +22,6 @@ from optolever.records import Axes, Comparable, plot_maps, span
 from optolever.scene import Scene
 from optolever.schema import load_record, require_shapes
 
-from ..arrays import Floats, Mask
 from ..geometry import pattern_plane, ray_field
 from ..heightmap import HeightMap
 from ..rig.calibration import rest_corrected

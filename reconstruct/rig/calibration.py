@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, some_rows
 from optolever.decode import Correspondence, Flag
 from optolever.errors import InputError
 from optolever.scene import TYPED, Scene
 
-from ..arrays import Floats, some_rows
 from ..geometry import flat_mirror
 from ..problem import Problem
 

@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
+from optolever.arrays import Floats, some_rows
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Judged
 from optolever.scene import TYPED, Scene, adjusted, parameter_values, strided, typed_covariance
 
-from ..arrays import Floats, some_rows
 from ..geometry import flat_mirror, ray_field, traced_rays
 from ..judgement.circulation import circulation_chi2
 from ..judgement.holes import noise_gain

@@ -19,11 +19,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.scene import RestForm, Scene, adjusted, parameter_values, rig_covariance, strided
 
-from ..arrays import Floats, Mask
 from ..geometry import flat_mirror, pattern_plane, rest_height, traced_rays
 from ..heightmap import HeightFlag, HeightMap
 from ..judgement.circulation import circulations

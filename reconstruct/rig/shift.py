@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.scene import Scene, Surface, strided, trace
 
-from ..arrays import Floats
 from ..geometry import flat_mirror
 from ..heightmap import HeightMap
 from ..outputs.coarse_modes import Modes, coarse_step, filled

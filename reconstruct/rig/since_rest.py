@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.decode import Correspondence
 from optolever.scene import Scene, adjusted, parameter_values
 
-from ..arrays import Floats
 from ..geometry import flat_mirror, ray_field, traced_rays
 from ..outputs.coarse_modes import filled
 

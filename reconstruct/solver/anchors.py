@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.ndimage
 
+from optolever.arrays import Floats, Ints, Labels, Mask, Pair
 from optolever.errors import InputError
 from optolever.scene import Camera, Scene
 
-from ..arrays import Floats, Ints, Labels, Mask, Pair
 from ..geometry import RayField, rest_distance, rest_height
 from ..measured import Measured
 

@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from optolever.arrays import Floats, Ints, Mask
 from optolever.blocks import over_image
 from optolever.kernels import exact
-
-from ..arrays import Floats, Ints, Mask
 
 __all__ = [
     "Doubt", "SomeEdges", "apply_laplacian", "cubic_at_end", "cubic_inside", "defects", "divergence",

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.blocks import over_image
 from optolever.kernels import F32, ONE, ZERO, exact, inlined
-
-from ..arrays import Floats
 
 __all__ = ["Multigrid"]
 

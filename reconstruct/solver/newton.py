@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.ndimage
 
-from ..arrays import Floats, Labels, Mask, Pair, middle, some_rows
+from optolever.arrays import Floats, Labels, Mask, Pair, middle, some_rows
+
 from ..measured import Measured
 from .anchors import AnchorRows, Samples, anchor_rows, free_constants
 from .edges import Doubt, SomeEdges, defects, edge_weights, factor_increments, scaled_weights

@@ -17,10 +17,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Mask
 from optolever.blocks import over_image, threads
 from optolever.kernels import F32, exact
 
-from ..arrays import Floats, Mask
 from .edges import apply_laplacian, divergence
 from .multigrid import Multigrid
 

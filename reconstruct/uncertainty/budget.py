@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Mask
+from optolever.arrays import Mask
+
 from ..heightmap import HeightMap
 from .sources import NOISE
 

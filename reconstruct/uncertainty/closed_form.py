@@ -19,9 +19,9 @@ import numpy as np
 import scipy.fft
 import scipy.ndimage
 
+from optolever.arrays import Floats, Labels
 from optolever.blocks import threads
 
-from ..arrays import Floats, Labels
 from ..measured import Measured
 from ..solver.newton import State
 from ..solver.poisson import ColumnPoisson

@@ -20,7 +20,8 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
-from ..arrays import Floats, Labels, Mask, Pair
+from optolever.arrays import Floats, Labels, Mask, Pair
+
 from ..geometry import PAD, RayField
 from ..judgement.discontinuities import touched
 from ..measured import Measured

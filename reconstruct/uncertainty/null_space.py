@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.scene import Scene, dent, trace
 
-from ..arrays import Floats
 from ..coupled import solved_height
 from ..exact import exact_correspondence
 from ..solver.edges import edge_weights, factor_increments

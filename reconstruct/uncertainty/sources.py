@@ -22,10 +22,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import Floats, Labels, Mask, Pair
 from optolever.blocks import on_cores
 from optolever.decode import Correspondence, SharedNoise
 
-from ..arrays import Floats, Labels, Mask, Pair
 from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
