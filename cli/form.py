@@ -129,11 +129,7 @@ def command(
     slopes = None if slopes_path is None else ol.reconstruct.SlopeMap.load(slopes_path)
     with blame(source):
         fit, inside = shape.fitted(height, slopes)
-        terms = None
-        if order is not None:
-            left = fit.deviation(height)
-            centre, radius = ol.metrology.aperture_circle(apertures, height.x, height.y, height.good)
-            terms = ol.metrology.fit_zernike(left, order, slopes, radius, None, fit, centre)
+        terms = None if order is None else _terms(fit, height, order, apertures, slopes)
         asked = lines or (("x", "y") if profiles_path is not None else ())
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in ("xy" if psd_path else "")}
@@ -143,12 +139,12 @@ def command(
     if inside is not None and (inside | ~height.good).all():
         print_notices([f"--aperture {' '.join(apertures)}: contains every good pixel, nothing is left out"])
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
-    numbers = _numbers(fit, along_x, along_y, waves, profiles) | (
-        {"limits": {one.name: asdict(one) for one in verdicts}} if verdicts else {}
-    )
-    listed = None if terms is None else terms.listed(index, norm == "amplitude")
-    if terms is not None and listed is not None:
-        numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": listed.to_dict(), "norm": norm}
+    numbers = _numbers(fit, along_x, along_y, waves, profiles)
+    if verdicts:
+        numbers["limits"] = {one.name: asdict(one) for one in verdicts}
+    if terms is not None:
+        coefficients = terms.listed(index, norm == "amplitude").to_dict()
+        numbers["zernike"] = {"radius_mm": terms.radius, "coefficients_mm": coefficients, "norm": norm}
     with ol.files.together():
         _write_points(profiles_path, ("line", "s_mm", "x_mm", "y_mm", "z_mm"), profiles)
         _write_points(psd_path, ("axis", "frequency_per_mm", "density_mm3"), spectra)
@@ -158,20 +154,33 @@ def command(
     held = "".join(f", {name} = {value:g} given" for name, value in fit.held.items())
     middle = "x, y from the middle ({:.6g}, {:.6g}) mm".format(*fit.middle)
     _fitted(f"Form of {source}: {fit.form}{held}; {middle}", fit.numbers)
-    if terms is not None and listed is not None:
+    if terms is not None:
         what = "amplitude" if norm == "amplitude" else "rms (ISO 14999-2)"
         circle = "circle of radius {:.6g} mm about ({:.6g}, {:.6g}) mm".format(terms.radius, *terms.middle)
-        _fitted(f"Zernike terms of the residual, µm, {what}, {circle}", listed, 1e3)
+        title = f"Zernike terms of the residual, µm, {what}, {circle}"
+        _fitted(title, terms.listed(index, norm == "amplitude"), 1e3)
     _residual(fit, along_x, along_y, waves, shape)
     if profiles:
-        rows = {
-            name: f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
-            for name, one in profiles.items()
-        }
-        table("Profiles of the residual", rows)
+        table("Profiles of the residual", {name: _profile(one) for name, one in profiles.items()})
     if verdicts:
         table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
     return 1 if any(one.verdict == "fail" for one in verdicts) else 0
+
+
+def _terms(
+    fit: "ol.metrology.FormFit",
+    height: "ol.reconstruct.HeightMap",
+    order: int,
+    apertures: tuple[str, ...],
+    slopes: "ol.reconstruct.SlopeMap | None",
+) -> "ol.metrology.ZernikeFit":
+    """Zernike terms of the residual over the aperture's circle, else the inscribed one."""
+    centre, radius = ol.metrology.aperture_circle(apertures, height.x, height.y, height.good)
+    return ol.metrology.fit_zernike(fit.deviation(height), order, slopes, radius, None, fit, centre)
+
+
+def _profile(one: "ol.metrology.Profile") -> str:
+    return f"{length(one.rms)} rms, {length(one.pv)} from valley to peak, {one.s[-1]:.4g} mm long"
 
 
 def _write_points(
