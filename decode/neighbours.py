@@ -175,11 +175,41 @@ def falling(place: F32, light: F32, y: int, x: int) -> np.float32:
     return np.float32((along + down) / (wide * high))
 
 
+@inlined
+def _is_near(place: F32, variance: F32, flags: U16, y: int, x: int, jump: np.float32) -> bool:
+    """Whether a place lies amid two neighbours, or on the plane of three."""
+    n, width = place.shape
+    none, half = np.uint16(0), np.float32(0.5)
+    known, p, v = False, place[y, x], variance[y, x]
+    for d in range(8):
+        i, j = (min(d, 1), 1 - d if d < 2 else 5 - 2 * d) if d < 4 else ((d & 1) * 2 - 1, (d & 2) - 1)
+        if min(y + i, x + j) < 0 or y + i >= n or x + j >= width:
+            continue
+        if d < 4 and (min(y - i, x - j) < 0 or y - i >= n or x - j >= width):
+            continue
+        if flags[y + i, x + j] != none:
+            continue
+        off, v2 = place[y + i, x + j] - p, variance[y + i, x + j]
+        if d < 4:
+            if flags[y - i, x - j] != none:
+                continue
+            off = half * (off + place[y - i, x - j] - p)
+            v2 = np.float32(0.25) * (v2 + variance[y - i, x - j])
+        else:
+            if flags[y + i, x] != none or flags[y, x + j] != none:
+                continue
+            off = place[y + i, x] - p + (place[y, x + j] - p) - off
+            v2 += variance[y + i, x] + variance[y, x + j]
+        beyond = abs(off) - jump
+        known |= beyond < ZERO or beyond * beyond < _SURE2 * (v + v2)
+    return known
+
+
 @kernel
 def _confirmed(block: Block, limits: F32, image: Span, found: U16, sure: Mask) -> None:
     """OUTLIER where neighbours contradict or half is unlit, into found, the flags; sure (W,)."""
     place, variance, amplitude, _, flags = block
-    (axes, n, width), (top, end), half, two = place.shape, image, np.float32(0.5), np.float32(2)
+    (axes, _, width), (top, end), half, two = place.shape, image, np.float32(0.5), np.float32(2)
     none = np.uint16(0)
     for y in range(top, end):
         up, down = max(y - 1, top), min(y + 1, end - 1)
@@ -205,33 +235,7 @@ def _confirmed(block: Block, limits: F32, image: Span, found: U16, sure: Mask) -
                         brightest = max(brightest, other)
                 if rim and least(amplitude, y, x) < half * brightest:
                     found[y, x] |= _OUTLIER
-                known, p, v = False, place[a, y, x], variance[a, y, x]
-                for d in range(8):  # amid two neighbours, on the plane of three
-                    i, j = (
-                        (min(d, 1), 1 - d if d < 2 else 5 - 2 * d)
-                        if d < 4
-                        else ((d & 1) * 2 - 1, (d & 2) - 1)
-                    )
-                    if min(y + i, x + j) < 0 or y + i >= n or x + j >= width:
-                        continue
-                    if d < 4 and (min(y - i, x - j) < 0 or y - i >= n or x - j >= width):
-                        continue
-                    if flags[y + i, x + j] != none:
-                        continue
-                    off, v2 = place[a, y + i, x + j] - p, variance[a, y + i, x + j]
-                    if d < 4:
-                        if flags[y - i, x - j] != none:
-                            continue
-                        off = half * (off + place[a, y - i, x - j] - p)
-                        v2 = np.float32(0.25) * (v2 + variance[a, y - i, x - j])
-                    else:
-                        if flags[y + i, x] != none or flags[y, x + j] != none:
-                            continue
-                        off = place[a, y + i, x] - p + (place[a, y, x + j] - p) - off
-                        v2 += variance[a, y + i, x] + variance[a, y, x + j]
-                    beyond = abs(off) - jump
-                    known |= beyond < ZERO or beyond * beyond < _SURE2 * (v + v2)
-                if not known:
+                if not _is_near(place[a], variance[a], flags, y, x, jump):
                     found[y, x] |= _OUTLIER
 
 
