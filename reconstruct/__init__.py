@@ -4,6 +4,7 @@
 |---|---|
 | `coupled.py` | reconstruct(): the chain from measurement to HeightMap |
 | `problem.py`, `result.py` | checks, window, components, the first solution; it as a HeightMap |
+| `geometry.py` | rays of the camera |
 | `measured.py` | a measured grid, and its slopes in closed form |
 | `heightmap.py` | HeightMap |
 | `exact.py` | the correspondence that a perfect decoder would give |
