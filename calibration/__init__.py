@@ -13,6 +13,7 @@
 | `judgement.py` | contribution of each capture to the accuracy |
 | `rest.py` | the height map of the mirror at rest, stored with the rig; drift |
 | `response.py` | response, blur, vignetting and backlight of display and camera, stored with the rig |
+| `mix.py` | mix and curves of the channels of display and camera, stored with the rig |
 | `error_budget.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
 | `effects.py` | errors of heights and depths by errors of the parameters |
@@ -24,6 +25,7 @@
 from .calibrate import Calibration, calibrate, left_out
 from .contact import contact
 from .judgement import Judgement, SoFar, calibrate_so_far, judged, reason_to_repeat
+from .mix import load_colours, measure_colours, store_colours
 from .observation import Observation
 from .predicted import PREDICTED_DEPTH, PREDICTED_NOISE, predicted_budget, predicted_maps, sigma_at_rest
 from .priors import default_priors, unused_accuracy
@@ -37,7 +39,8 @@ __all__ = [
     "PREDICTED_DEPTH", "PREDICTED_NOISE", "Ball", "Calibration", "Flat", "Judgement", "Observation",
     "Plate", "Rest", "RigResponse", "SoFar", "Target", "Weighed", "Weight", "aim_fault",
     "calibrate", "calibrate_so_far", "contact", "default_priors", "judged", "left_out",
-    "load_response", "load_rest", "measure_response", "predicted_budget", "predicted_maps",
-    "reason_to_repeat", "rest_fault", "sigma_at_rest", "store_response", "store_rest",
-    "target_from_text", "unused_accuracy", "weighed", "with_better_fit",
+    "load_colours", "load_response", "load_rest", "measure_colours", "measure_response",
+    "predicted_budget", "predicted_maps", "reason_to_repeat", "rest_fault", "sigma_at_rest",
+    "store_colours", "store_response", "store_rest", "target_from_text", "unused_accuracy",
+    "weighed", "with_better_fit",
 ]  # fmt: skip

@@ -12,7 +12,7 @@ from optolever.numbers import listed, whole
 
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
-from .options import Display, Json, Pictured, blame, checked_response, mask_file, shown_sequence
+from .options import Display, Json, Pictured, blame, checked_response, colours_of, mask_file, shown_sequence
 from .outputs import HDF5, OutputFile
 from .printing import (
     coverage_text,
@@ -90,12 +90,13 @@ def command(
     source = sources[0]
     with progress() as step:
         step("read frames")
-        capture = read_capture(sources, text, display, description, channel, left_out)
+        capture = read_capture(sources, text, display, description, channel, left_out, response)
         step("decode")
         with blame(source):
             start = time.perf_counter()
             inside = mask_of(mask_path, roi, capture.shape)
-            light = None if response is None else _response(response)
+            coloured = capture.sequence.packing is not None
+            light = None if response is None or coloured else _response(response)
             settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur)
             known = None
             if profile is not None:
@@ -107,7 +108,7 @@ def command(
                 settings = known.settings
             decoder = ol.decode.Decoder(capture.sequence, known, settings)
             result = decoder.decode(capture.frames, mask=inside, progress=step)
-            if response is not None:
+            if light is not None:
                 result = checked_response(result, capture, settings, inside)
         seconds = time.perf_counter() - start
         found = result.notices
@@ -191,11 +192,14 @@ def read_capture(
     description: Path | None,
     channel: str,
     left_out: str | None,
+    rig: Path | None = None,
 ) -> "ol.projector.Capture":
-    """Pictures of any source; left_out: numbers of the unused ones."""
-    capture = _read(sources, text, display, description, channel)
+    """Pictures of any source; left_out: numbers of the unused ones; rig: of pictures in colour."""
+    capture = _read(sources, text, display, description, channel, rig)
     if left_out is None:
         return capture
+    if capture.sequence.packing is not None:
+        raise InputError(f"--without {left_out}: of pictures in colour each holds three frames; leave it out")
     numbers = [whole("--without", each) for each in listed("--without", left_out, "numbers from 0, N,N,...")]
     kept, shown = ol.decode.without(capture.sequence, numbers)
     times = None if capture.timestamps is None else capture.timestamps[list(kept)]
@@ -208,6 +212,7 @@ def _read(
     display: tuple[int, int] | None,
     description: Path | None,
     channel: str,
+    rig: Path | None,
 ) -> "ol.projector.Capture":
     if sources[0].suffix.lower() in HDF5:
         for name, value in (("--description", description), ("--sequence", text)):
@@ -217,10 +222,14 @@ def _read(
     if text is None:
         if display is not None:
             raise InputError("--pixels: needs --sequence, which is missing, such as --sequence gray+phase")
-        return ol.projector.Capture.load(sources, description, channel)
+        colours = None if rig is None or rig.suffix.lower() in HDF5 else colours_of(rig)
+        return ol.projector.load_capture(sources, description, channel, colours)
     if description is not None:
         raise InputError(f"--sequence {text} and --description {description}: leave one out")
-    return ol.projector.Capture.from_pictures(sources, shown_sequence(text, display), channel=channel)
+    shown = shown_sequence(text, display)
+    if shown.packing is not None:
+        raise InputError(f"--sequence {text}: is in colour; take --description of the capture.toml by show")
+    return ol.projector.Capture.from_pictures(sources, shown, channel=channel)
 
 
 def _response(path: Path) -> "ol.decode.Response":

@@ -91,6 +91,15 @@ Pictured = Annotated[
     str | None,
     Opt(f"--sequence {_NAMED}", "Sequence of the pictures, in the order of their names.", lists="sequences"),
 ]
+#: How a display's colours are shown.
+Colour = Annotated[
+    Literal["rgb", "bgr", "none"] | None,
+    Opt(
+        "--colour rgb|bgr|none",
+        "Three frames in each picture, one per colour; order of the coloured stripes in a cell of the "
+        "display, from the left (none: its colours coincide, as a projector's).",
+    ),
+]
 #: Size of the pictures of a display.
 Display = Annotated[tuple[int, int] | None, Opt("--pixels WIDTHxHEIGHT", _SCREEN, Shape())]
 
@@ -141,6 +150,10 @@ def correspondence_of(path: Path, rig: Path | str) -> "ol.decode.Correspondence"
     """The correspondence in an .npz, or of a folder of frames, decoded now by the [response] of a rig."""
     if not path.is_dir():
         return ol.decode.Correspondence.load(path)
+    if ol.projector.in_colour(path / "capture.toml"):
+        capture = ol.projector.load_capture(path, colours=colours_of(rig))
+        with blame(path):
+            return ol.decode.decode(capture.frames, capture.sequence)
     capture = ol.projector.Capture.load(path)
     with blame(path):
         return decoded_by_response(capture, response_of(rig))
@@ -149,6 +162,11 @@ def correspondence_of(path: Path, rig: Path | str) -> "ol.decode.Correspondence"
 def response_of(rig: Path | str) -> "ol.decode.Response | None":
     """[response] of a rig's file; None of a preset, or without one."""
     return ol.calibration.load_response(rig).response if "response" in sections(rig) else None
+
+
+def colours_of(rig: Path | str) -> "ol.projector.ColourResponse | None":
+    """[colour] of a rig's file; None of a preset, or without one."""
+    return ol.calibration.load_colours(rig) if "colour" in sections(rig) else None
 
 
 def sections(rig: Path | str) -> Mapping[str, Any]:

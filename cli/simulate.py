@@ -9,7 +9,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
-from .options import Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
+from .options import Colour, Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
 from .outputs import NewFolder
 from .printing import number, progress, table, write_json
 
@@ -37,18 +37,22 @@ def command(
     size: Size = None,
     seed: Seed = 0,
     renderer: Renderer = "auto",
+    colour: Colour = None,
     json_path: Json = None,
 ) -> None:
     """Simulate a capture: frames of a scene's mirror.
 
     DIR receives capture.toml, frames/*.png, scene.toml and truth.npz: for every camera pixel the exact u, v,
-    x, y, z, normal, incidence, visible.
+    x, y, z, normal, incidence, visible. With --colour it receives images/*.png, by the scene's
+    pattern.stripes, sensor.mix and sensor.mosaic.
     """
     scene = load_scene(scene_name, size, exact=True)
     pressed = dent or scene.dent or "flat"
     scene = replace(scene, dent=pressed)
     surface = ol.scene.dent_from_text(pressed, scene)
     shown = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
+    if colour is not None:
+        shown = ol.patterns.packed(shown, colour)
     with ol.files.together(), progress() as step:
         with ol.files.atomic_folder(out) as folder:
             step("trace the truth")
@@ -57,20 +61,20 @@ def command(
                 mirror = f"{scene.mirror.length:.4g} x {scene.mirror.width:.4g} mm"
                 cure = "check the poses, and that all lengths are in millimetres"
                 raise InputError(f"no pixel sees the pattern in {scene_name}'s mirror of {mirror}: {cure}")
-            step(f"capture {len(shown)} frames")
+            step(f"capture {shown.exposures} frames")
             start = time.perf_counter()
-            record = ol.projector.capture(
-                scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step
-            )
+            take = ol.projector.capture if colour is None else ol.projector.capture_colour
+            record = take(scene, surface, shown, renderer=renderer, noise=noise, seed=seed, progress=step)
             seconds = time.perf_counter() - start
+            levels = record.frames if isinstance(record, ol.projector.Capture) else record.images
             step("write")
             record.save(folder, truth)
         numbers = {
-            "frames": len(shown),
+            "frames": shown.exposures,
             "rows": scene.camera.rows,
             "cols": scene.camera.cols,
             "visible_share": float(truth.visible.mean()),
-            "mean_level": float(record.frames.mean()),
+            "mean_level": float(levels.mean()),
             "seconds": seconds,
         }
         write_json(json_path, numbers)
@@ -78,7 +82,7 @@ def command(
         "scene": scene.name,
         "dent": pressed,
         "sequence": sequence,
-        "frames": f"{len(shown)} of {scene.camera.rows} x {scene.camera.cols}",
+        "frames": f"{shown.exposures} of {scene.camera.rows} x {scene.camera.cols}",
         "visible": number(100 * numbers["visible_share"], "% of the pixels"),
         "mean level": number(numbers["mean_level"]),
         "time": number(seconds, "s"),

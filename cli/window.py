@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
 from .devices import print_monitors
-from .options import Json, pixels, shown_sequence
+from .options import Colour, Json, pixels, shown_sequence
 from .outputs import NewFolder, OutputFile
 from .printing import number, print_notices, table, write_json
 
@@ -42,6 +42,7 @@ def command(
     seconds: Annotated[float | None, SECONDS] = None,
     out: Annotated[Path | None, OUT] = None,
     pictures: Annotated[Path | None, PICTURES] = None,
+    colour: Colour = None,
     listing: Annotated[bool, Opt("--list", "List the monitors and show nothing.")] = False,
     json_path: Json = None,
 ) -> None:
@@ -53,9 +54,11 @@ def command(
 
     --pictures needs no display: show the pictures in this order, one pattern pixel per screen pixel, and take
     a picture of each; then decode these with --description DIR/capture.toml.
+
+    --colour needs a third of the pictures, a colour camera with linear levels, and `response --colour` once.
     """
     if pictures is not None:
-        _write(shown_sequence(sequence, size), sequence, pictures, json_path)
+        _write(_in_colour(shown_sequence(sequence, size), colour), sequence, pictures, json_path)
         return
     found = ol.projector.monitors()
     if listing:
@@ -71,6 +74,7 @@ def command(
         if shape is None:
             raise InputError("--pixels: must be given for a plain window, such as 640x480")
         shown = ol.patterns.sequence_from_text(sequence, *shape)
+    shown = _in_colour(shown, colour)
     described, index = out or Path("capture.toml"), None if chosen is None else chosen.index
     times = list[float]()
     with ol.projector.PatternWindow(shown, monitor=index) as window:
@@ -81,20 +85,24 @@ def command(
         else:
             times = window.play(seconds)
     if window.gone:
-        count = f" after {len(times)} of {len(shown)} frames" if seconds is not None else ""
+        count = f" after {len(times)} of {shown.exposures} frames" if seconds is not None else ""
         cure = "connect it and show the sequence again"
         raise InputError(f"display: monitor {index} was disconnected{count}; {cure}")
-    numbers = {"sequence": sequence, "frames": len(shown), "size": shown.shape, "monitor": index}
+    numbers = {"sequence": sequence, "frames": shown.exposures, "size": shown.shape, "monitor": index}
     write_json(json_path, numbers | {"shown_s": times})
     if seconds is not None:
         mean = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else math.nan
         rows = {
             "sequence": sequence,
-            "frames": f"{len(times)} of {len(shown)}, of {shown.rows} x {shown.cols}",
+            "frames": f"{len(times)} of {shown.exposures}, of {shown.rows} x {shown.cols}",
             "each": f"{number(mean, 's')} on average",
             "described": str(described),
         }
         table("Shown in a window" if index is None else f"Shown on monitor {index}", rows)
+
+
+def _in_colour(shown: "ol.patterns.Sequence", colour: str | None) -> "ol.patterns.Sequence":
+    return shown if colour is None else ol.patterns.packed(shown, colour)
 
 
 def _chosen(
@@ -117,10 +125,10 @@ def _write(shown: "ol.patterns.Sequence", name: str, pictures: Path, json_path: 
         with ol.files.atomic_folder(pictures) as folder:
             shown.save_png(folder)
             ol.projector.write_description(folder / "capture.toml", shown)
-        write_json(json_path, {"sequence": name, "frames": len(shown), "size": shown.shape[1:]})
+        write_json(json_path, {"sequence": name, "frames": shown.exposures, "size": shown.shape[1:]})
     rows = {
         "sequence": name,
-        "pictures": f"{len(shown)} of {shown.rows} x {shown.cols}",
+        "pictures": f"{shown.exposures} of {shown.rows} x {shown.cols}",
         "description": str(pictures / "capture.toml"),
     }
     table(f"Patterns in {pictures}", rows)

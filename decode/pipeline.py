@@ -22,7 +22,7 @@ from .codes.orders import Orders, order_table
 from .correspondence import Correspondence, Flag
 from .diagnosis.tests import Decoded, Verdict, judged
 from .diagnosis.windows import EVERY
-from .effects import View, lag, motion, shared
+from .effects import View, lag, leak, motion, shared, stripes
 from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
@@ -38,7 +38,7 @@ Mask = NDArray[np.bool_] | None
 #: estimate; median of chi2 with one degree of freedom.
 _RUNS, _WIDER, _FEWEST, _MEDIAN = 64, 4, 64, 0.4549
 #: In turn: the levels are corrected before the places are judged.
-_EFFECTS = (lag, motion, shared)
+_EFFECTS = (lag, motion, leak, stripes, shared)
 #: Side of the neighbourhood that lies in a mask where the order of frames is tested.
 _BLOCK = 11
 #: Bytes of a block's lines, about those of a core's cache.
@@ -206,6 +206,8 @@ def _misfit(
     found = measure_misfit(fringe, sample, noise)
     if np.isnan(noise.read2_sigma):  # given: each pixel is judged by its neighbourhood alone
         found = found._replace(scale=1.0, terms=np.zeros_like(found.terms))
+    if p.packing is not None:
+        found = found._replace(scale=found.scale * p.packing.wider**2)
     display = settings.display
     if display is not None:
         return bent(fringe, display, settings.blur, found)
@@ -214,10 +216,12 @@ def _misfit(
 
 #: Causes of a wide sigma, and their cures.
 _MOTION, _GAMMA, _LAG = "motion or flicker between the frames", "the display's gamma", "the display's lag"
+_LEAK = "the mix of the colours, which is not known better"
 _CURES = {
     _MOTION: "hold the mirror still, and expose for whole periods of the display's light",
     _GAMMA: "measure it once: optolever response",
     _LAG: "measure it once: optolever camera sync; or wait longer before each picture",
+    _LEAK: "measure it again: optolever response --colour; or show the patterns in grey",
 }
 
 
@@ -228,12 +232,17 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
             name = f"the mirror moved while the frames were taken, by {effect.value:.2g} pattern px per frame"
             cure = "sigma includes it; hold the mirror still, or show fewer frames"
             return (Notice.plain(name, cure),)
+        if effect.name == stripes.NAME:
+            off = f"bits and fringes are {abs(effect.value):.2g} cells apart"
+            name = f"the display's stripes are not those stated: {off}"
+            cure = "sigma includes it; state their order: show --colour rgb, bgr or none"
+            return (Notice.plain(name, cure),)
         if effect.name == lag.LADDER and effect.value > _SHORT:
             share = f"{100 * effect.value:.2g} %"
             name = f"a lag of about {share} of the display, which three steps take for places"
             cure = "heights may err by more than sigma; show four steps, or wait longer before each picture"
             return (Notice.plain(name, cure),)
-    worst, cause = 1.0, ""
+    worst, cause, lagged = 1.0, "", any(effect.name == "lag" for effect in profile.effects)
     for axis, own in zip(axes, profile.axes, strict=True):
         if not axis.fringes or not own.misfits:
             continue
@@ -245,7 +254,7 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
         parts = {
             _MOTION: (misfit.scale - 1) * noise,
             _GAMMA: misfit.variance,
-            _LAG: own.variance / fringe.period**2,
+            _LAG if lagged else _LEAK: own.variance / fringe.period**2,
         }
         factor = (1 + sum(parts.values()) / max(noise, 1e-30)) ** 0.5
         if factor > worst:
@@ -295,7 +304,8 @@ def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
     if own.deviation == 0:
         return Orders(np.zeros((1, 1), np.float32), np.float32(1), np.float32(1))
     most = max(misfit.variance for misfit in own.misfits)
-    noise2 = own.deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
+    scale = max(misfit.scale for misfit in own.misfits)
+    noise2 = scale * own.deviation**2 * 4 / len(axis.fringes[-1].index) / (2 * np.pi) ** 2
     return order_table(tuple(f.period for f in axis.fringes), axis.extent, float(np.sqrt(noise2 + 2 * most)))
 
 
@@ -304,7 +314,7 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     p = plan(sequence)
     axes, own, f32 = p.axes, profile.axes, np.float32
     some = any(effect.name == "lag" for effect in profile.effects)
-    matrix = lag.matrix(profile.effects, len(sequence)) if some else None
+    matrix = lag.matrix(profile.effects, p) if some else None
     tables = tuple(
         AxisTable(
             fringe_table(axis.fringes, own[k].misfits, matrix),

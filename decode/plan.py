@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.kernels import F64
-from optolever.patterns import BINARY_CODES, Frame, Sequence, code_words
+from optolever.patterns import BINARY_CODES, Frame, Packing, Sequence, code_words
 
 __all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan"]
 
@@ -118,12 +118,29 @@ class AxisPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """All axes, the frames that serve both (-1: none), and all frames."""
+    """All axes, the frames that serve both (-1: none), all frames, and the frames (E, channels) of each
+    exposure. packing: of a capture in colour, None: grey."""
 
     axes: tuple[AxisPlan, ...]
     white: int
     black: int
     frames: tuple[Frame, ...]
+    exposures: NDArray[np.int64]
+    packing: Packing | None = None
+
+    def times(self) -> F64:
+        """Number (N,) of each frame's exposure; the mean of several."""
+        shown = self.exposures.ravel()
+        each = np.repeat(np.arange(len(self.exposures)), self.exposures.shape[1])
+        return np.asarray(np.bincount(shown, each) / np.bincount(shown))
+
+    def before(self, depth: int) -> F64:
+        """(N, N): each frame's predecessor on its channel of the display, so many exposures before; the first
+        one for those before it."""
+        last = np.maximum(np.arange(len(self.exposures)) - depth, 0)
+        found = np.zeros((len(self.frames),) * 2)
+        np.add.at(found, (self.exposures.ravel(), self.exposures[last].ravel()), 1.0)
+        return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 @lru_cache(maxsize=16)
@@ -144,7 +161,10 @@ def plan(sequence: Sequence) -> Plan:
             f"sequence {sequence.name}: frames are {kinds}, none of them encodes u or v by itself "
             "(crossed frames are read by live)"
         )
-    return Plan(axes, _reference(sequence, "white"), _reference(sequence, "black"), frames)
+    packing = sequence.packing
+    shown = np.arange(len(frames))[:, None] if packing is None else np.array(packing.exposures)
+    white, black = (_reference(sequence, kind) for kind in ("white", "black"))
+    return Plan(axes, white, black, frames, shown, packing)
 
 
 def _reference(sequence: Sequence, kind: str) -> int:

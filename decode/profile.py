@@ -131,7 +131,8 @@ class RigProfile:
 
 def digest(sequence: Sequence) -> str:
     """Hash of a sequence's content; its name does not count."""
-    content = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal))
+    own = () if sequence.packing is None else (sequence.packing,)
+    content = repr((sequence.frames, sequence.rows, sequence.cols, sequence.nominal, *own))
     return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 

@@ -9,7 +9,17 @@ from optolever.cli.commands import Commands
 
 #: Commands by section of --help.
 SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Figures": ("figures", "calibration", "contacts", "rigs", "sync", "live", "judgements", "house"),
+    "Figures": (
+        "figures",
+        "calibration",
+        "contacts",
+        "rigs",
+        "sync",
+        "live",
+        "judgements",
+        "colour",
+        "house",
+    ),
     "Attacks": ("fuzz",),
 }
 NAME = "python -m lab"

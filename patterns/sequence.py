@@ -19,6 +19,7 @@ from optolever.numbers import whole
 from optolever.records import Axes, plot_maps
 from optolever.toml import read_toml
 
+from .channels import Packing, at_stripe
 from .frame import Frame, frame_tables
 
 __all__ = ["Sequence"]
@@ -31,7 +32,8 @@ class Sequence:
     sequence[3] is a Frame, sequence[2:5] a Sequence of three frames; len() and iteration as of a tuple.
 
     nominal: rows and cols are only the unit of the coordinates (a foreign capture of an unknown display), and
-    say nothing about the cells of the display.
+    say nothing about the cells of the display. packing: the frames of each exposure, of a sequence in colour
+    (`packed`); None: each frame is an exposure of its own, in grey.
 
     >>> fringe = Frame("phase", "u", period_px=16.0, shift=0.0)
     >>> Sequence((fringe,), rows=4, cols=8).render()[0, 0].tolist()
@@ -43,6 +45,7 @@ class Sequence:
     cols: int
     name: str = "custom"
     nominal: bool = False
+    packing: Packing | None = None
     _hash: int | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
@@ -55,6 +58,8 @@ class Sequence:
                 raise InputError(f"sequence: {name} is {size}, must be in 1..{1 << 16}")
             object.__setattr__(self, name, size)
         object.__setattr__(self, "nominal", bool(self.nominal))
+        if self.packing is not None:
+            self.packing.require(len(self.frames))
 
     def __repr__(self) -> str:
         counts = Counter((frame.kind, frame.axis) for frame in self.frames)
@@ -71,13 +76,13 @@ class Sequence:
     def __hash__(self) -> int:
         """Computed once: results derived from a sequence are repeatedly looked up by it."""
         if self._hash is None:
-            own = hash((self.frames, self.rows, self.cols, self.name, self.nominal))
+            own = hash((self.frames, self.rows, self.cols, self.name, self.nominal, self.packing))
             object.__setattr__(self, "_hash", own)
         return cast(int, self._hash)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Anew, as hashes of text differ from process to process."""
-        return Sequence, (self.frames, self.rows, self.cols, self.name, self.nominal)
+        return Sequence, (self.frames, self.rows, self.cols, self.name, self.nominal, self.packing)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -90,7 +95,7 @@ class Sequence:
 
     def __getitem__(self, index: SupportsIndex | slice) -> Frame | Sequence:
         if isinstance(index, slice):
-            return replace(self, frames=self.frames[index])
+            return replace(self, frames=self.frames[index], packing=None)
         return self.frames[index]
 
     def __iter__(self) -> Iterator[Frame]:
@@ -100,6 +105,11 @@ class Sequence:
     def shape(self) -> tuple[int, int, int]:
         """(N, rows, cols), the shape of render()."""
         return len(self.frames), self.rows, self.cols
+
+    @property
+    def exposures(self) -> int:
+        """Number of pictures that a camera takes of it: a third of the frames, and a few, in colour."""
+        return len(self.frames) if self.packing is None else len(self.packing.exposures)
 
     def tables(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Grey values along u (N, cols) and along v (N, rows)."""
@@ -124,11 +134,28 @@ class Sequence:
             images[index] = self.render_frame(index)
         return images
 
+    def channel(self, number: int) -> Sequence:
+        """Of a sequence in colour: the frames that channel 0, 1 or 2 (red, green, blue) displays, an exposure
+        after the other, fringes along u at the places of that channel's stripes."""
+        packing = self.packing or Packing(tuple((i, i, i) for i in range(len(self.frames))))
+        own = [self.frames[exposure[number]] for exposure in packing.exposures]
+        shown = tuple(at_stripe(frame, number, packing.stripes) for frame in own)
+        return replace(self, frames=shown, packing=None)
+
+    def pictures(self) -> Iterator[NDArray[np.uint8]]:
+        """What the display shows, in the order of time: grey (rows, cols), or in colour (rows, cols, 3)."""
+        if self.packing is None:
+            yield from (self.render_frame(index) for index in range(len(self.frames)))
+            return
+        channels = [self.channel(number) for number in range(3)]
+        for index in range(len(channels[0])):
+            yield np.stack([channel.render_frame(index) for channel in channels], axis=-1)
+
     def save_png(self, folder: str | Path) -> None:
         """Write 000.png, 001.png, ... and sequence.toml into a new folder, for other displays."""
         with atomic_folder(folder) as target:
-            for index in range(len(self.frames)):
-                _, data = cv2.imencode(".png", self.render_frame(index))
+            for index, picture in enumerate(self.pictures()):
+                _, data = cv2.imencode(".png", picture[..., ::-1] if picture.ndim == 3 else picture)
                 (target / f"{index:03d}.png").write_bytes(data.tobytes())
             (target / "sequence.toml").write_text(tomli_w.dumps(self.to_dict()), encoding="utf-8")
 
@@ -146,12 +173,13 @@ class Sequence:
         """Plain TOML types."""
         frames = [frame.to_dict() for frame in self.frames]
         plain = {"name": self.name, "rows": self.rows, "cols": self.cols, "frames": frames}
-        return {**plain, "nominal": True} if self.nominal else plain
+        more = {} if self.packing is None else {"packing": self.packing.to_dict()}
+        return plain | ({"nominal": True} if self.nominal else {}) | more
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], where: str = "sequence") -> Sequence:
         """Inverse of to_dict; InputError names `where`, the field and its value."""
-        known = ("name", "rows", "cols", "nominal", "frames")
+        known = ("name", "rows", "cols", "nominal", "frames", "packing")
         for name in plain:
             if name not in known:
                 raise InputError(f"{where}: unknown field {name!r}, known are {', '.join(known)}")
@@ -169,4 +197,6 @@ class Sequence:
         if not isinstance(nominal, bool):
             raise InputError(f"{where}: nominal is {nominal!r}, must be true or false")
         described = tuple(Frame.from_dict(item, f"{where}: frames[{i}]") for i, item in enumerate(frames))
-        return cls(described, plain["rows"], plain["cols"], name, nominal)
+        own = plain.get("packing")
+        packing = None if own is None else Packing.from_dict(own, where)
+        return cls(described, plain["rows"], plain["cols"], name, nominal, packing)

@@ -11,11 +11,15 @@
 | `groups.py`, `footprint.py` | frames looked up together; light of the cells under a pixel's footprint |
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
+| `colour_sensor.py` | the same in colour: crosstalk, stripes, mosaics |
+| `unmixing.py`, `colour_capture.py` | pictures of three frames each: unmixed; their folder |
 | `capture.py`, `folder.py` | `Capture` and its folder format |
 | `incoming.py` | pictures of other programs: which files, in which order, as which levels |
 """
 
 from .capture import Capture
+from .colour_capture import ColourCapture, in_colour, load_capture
+from .colour_sensor import NOMINAL_MIX, capture_colour
 from .context import ContextInfo, NoContextError, context_info
 from .devices import (
     Accepted,
@@ -36,12 +40,14 @@ from .folder import picture_files, write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
 from .renderer import PatternRenderer
+from .unmixing import ColourResponse, quads, unmixed
 from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
-    "NOMINAL_SENSOR", "RENDERERS", "WHITE_NOISE_SENSOR", "Accepted", "Camera", "CameraLost", "Capture",
-    "ContextInfo", "Display", "Footprints", "Identity", "Image", "Monitor", "NoContextError",
-    "PatternRenderer", "PatternWindow", "RealTime", "Shown", "Time", "Wanted", "capture", "choose_monitor",
-    "chosen_renderer", "context_info", "footprints", "light_of", "monitors", "no_pixels", "picture_files",
-    "write_description",
+    "NOMINAL_MIX", "NOMINAL_SENSOR", "RENDERERS", "WHITE_NOISE_SENSOR", "Accepted", "Camera",
+    "CameraLost", "Capture", "ColourCapture", "ColourResponse", "ContextInfo", "Display", "Footprints",
+    "Identity", "Image", "Monitor", "NoContextError", "PatternRenderer", "PatternWindow", "RealTime",
+    "Shown", "Time", "Wanted", "capture", "capture_colour", "choose_monitor", "chosen_renderer",
+    "context_info", "footprints", "in_colour", "light_of", "load_capture", "monitors", "no_pixels",
+    "picture_files", "quads", "unmixed", "write_description",
 ]  # fmt: skip

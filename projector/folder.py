@@ -33,11 +33,15 @@ from optolever.toml import read_toml
 
 from .incoming import COLOURED, LOSSY, Source, incoming, passed_over, pictures_of, read_files
 
-__all__ = ["bits_of", "picture_files", "read_description", "read_folder", "write_description", "write_folder"]
+__all__ = [
+    "COLOURED_VERSION", "bits_of", "colour_description", "picture_files", "read_description", "read_folder",
+    "write_description", "write_folder",
+]  # fmt: skip
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
-_VERSION = 1
+#: Versions of a description of grey pictures, and of three frames in a picture (`colour_capture`).
+_VERSION, COLOURED_VERSION = 1, 2
 #: Seconds (or microseconds since 1970) at most: up to here a float holds integers.
 _LATEST = 2.0**53
 _DESCRIPTION, _FRAMES, _SCENE, _TRUTH = "capture.toml", "frames", "scene.toml", "truth.npz"
@@ -149,6 +153,9 @@ def read_description(path: Path) -> tuple[Sequence, list[str], NDArray[np.float6
     """A capture.toml: sequence, file of each frame (none: it names no files), time of each frame (s) or None,
     bits or None."""
     plain = read_toml(path)
+    if plain.get("version") == COLOURED_VERSION:
+        cure = "optolever decode DIR --response RIG.toml makes frames of them"
+        raise InputError(f"{path}: pictures of three frames each (version 2); {cure}")
     for key in plain:
         if key not in _KEYS:
             raise InputError(f"{path}: unknown field {key!r}, known are {', '.join(_KEYS)}")
@@ -202,14 +209,28 @@ def _read_scene(path: Path, sequence: Sequence, image: Image) -> Scene | None:
 def write_description(path: str | Path, sequence: Sequence, files: Iterable[str] = ()) -> None:
     """A capture.toml: the sequence, for pictures in that order, or for these files of a folder. Only the same
     description is written over; InputError names the file."""
-    plain: dict[str, Any] = {"version": _VERSION, **sequence.to_dict()}
-    named = [{"file": file} for file in files] or [{} for _ in sequence.frames]
-    plain["frames"] = [{**file, **table} for file, table in zip(named, plain["frames"], strict=True)]
+    if sequence.packing is None:
+        plain: dict[str, Any] = {"version": _VERSION, **sequence.to_dict()}
+        named = [{"file": file} for file in files] or [{} for _ in sequence.frames]
+        plain["frames"] = [{**file, **table} for file, table in zip(named, plain["frames"], strict=True)]
+    else:
+        plain = colour_description(sequence, files)
     target, text = Path(path), tomli_w.dumps(plain)
     if target.is_file() and target.read_bytes() != text.encode():
         raise InputError(f"{path}: exists and describes something else; show --out names another file")
     with atomic_file(target) as temporary:
         temporary.write_bytes(text.encode())
+
+
+def colour_description(sequence: Sequence, files: Iterable[str] = ()) -> dict[str, Any]:
+    """A capture.toml of a sequence in colour, for pictures in that order, or for these files of a folder."""
+    packing, plain = sequence.packing, sequence.to_dict()
+    if packing is None:
+        raise InputError(f"sequence {sequence.name}: is in grey; patterns.packed puts it into colour")
+    named = [{"file": file} for file in files] or [{} for _ in packing.exposures]
+    images = [{**file, "frames": list(own)} for file, own in zip(named, packing.exposures, strict=True)]
+    head = {"version": COLOURED_VERSION, **{key: plain[key] for key in _KEYS[1:-1] if key in plain}}
+    return {**head, "colour": {"stripes": packing.stripes}, "images": images, "frames": plain["frames"]}
 
 
 def _described(

@@ -25,7 +25,7 @@ from .groups import frame_groups
 from .optics_gl import GLOptics
 from .optics_numpy import NumpyOptics
 
-__all__ = ["RENDERERS", "capture", "chosen_renderer"]
+__all__ = ["RENDERERS", "capture", "chosen_renderer", "fitting_renderer", "require_fit", "strips"]
 
 #: Renderer of the light: OpenGL where there is a context, OpenGL, NumPy in float64; all take a pixel's
 #: footprint for a parallelogram.
@@ -72,13 +72,13 @@ def capture(
     WHITE_NOISE_SENSOR has the added noise alone.
     progress: called with the activity, the number of rows (frames, if it moves) done, and their total.
     """
-    _require_fit(scene, sequence)
+    require_fit(scene, sequence)
     if not 0 <= noise < _LOUDEST:
         raise InputError(f"noise: {noise}, must be at least 0 levels and below {_LOUDEST:g}")
     if samples < 1:
         raise InputError(f"samples: {samples}, must be at least 1")
     sensor = NOMINAL_SENSOR if scene.sensor is None else scene.sensor
-    chosen, depth = _fitting(renderer, scene), sensor.bits if bits is None else bits
+    chosen, depth = fitting_renderer(renderer, scene), sensor.bits if bits is None else bits
     size = (len(sequence), scene.camera.rows, scene.camera.cols)
     kind = np.uint8 if depth == 8 else np.uint16
     require_room(
@@ -94,13 +94,13 @@ def capture(
     ]
     with logged(f"capture {size[0]} frames of {size[1:]}"):
         if isinstance(surface, Surface):
-            _expose(_strips(scene, surface, sequence, chosen), electronics, frames, progress)
+            _expose(strips(scene, surface, sequence, chosen), electronics, frames, progress)
         else:
             count = samples if sensor.shutter_s > 0 else 1
             shifts = (sensor.shutter_s * ((np.arange(count) + 0.5) / count - 0.5)).tolist()
             for index, time in enumerate(times.tolist()):
                 one = slice(index, index + 1)
-                moved = [_strips(scene, surface(time + shift), sequence[one], chosen) for shift in shifts]
+                moved = [strips(scene, surface(time + shift), sequence[one], chosen) for shift in shifts]
                 _expose(_averaged(moved), electronics[one], frames[one], silent)
                 progress("frames", index + 1, size[0])
     exact = replace(scene, accuracy=None, covariance=None)  # a rendered scene has no errors
@@ -122,7 +122,7 @@ def chosen_renderer(renderer: str) -> str:
     return "gl"
 
 
-def _fitting(asked: str, scene: Scene) -> str:
+def fitting_renderer(asked: str, scene: Scene) -> str:
     """The renderer, 'numpy' in place of a GL that was not asked for and cannot draw the scene."""
     if chosen_renderer(asked) == "numpy":
         return "numpy"
@@ -137,7 +137,7 @@ def _fitting(asked: str, scene: Scene) -> str:
     return "numpy" if fault else "gl"
 
 
-def _strips(scene: Scene, surface: Surface, sequence: Sequence, renderer: str) -> Iterator[_Strip]:
+def strips(scene: Scene, surface: Surface, sequence: Sequence, renderer: str) -> Iterator[_Strip]:
     """Light of a still mirror from the top down."""
     groups, rows = frame_groups(sequence, scene.display), scene.camera.rows
     step = min(rows, max(1, _STRIP // scene.camera.cols))
@@ -182,7 +182,7 @@ def _finish(working: list[Future[None]]) -> None:
         future.result()
 
 
-def _require_fit(scene: Scene, sequence: Sequence) -> None:
+def require_fit(scene: Scene, sequence: Sequence) -> None:
     pattern = scene.pattern
     if (sequence.rows, sequence.cols) != (pattern.rows, pattern.cols):
         raise InputError(

@@ -36,14 +36,14 @@ from .parameters import (
 )
 from .pattern import Bow, Pattern, PatternShape, PointTable, prism_pattern
 from .scene import Scene, resize, scene_window, strided
-from .sensor import Display, Sensor
+from .sensor import MOSAICS, Display, Sensor
 from .surface import Formula, Grid, Surface, surface_from_array
 from .toml_reading import load, preset_names, rig_table, write_sections
 from .tracing import Trace, mean_beside, movement, trace
 from .typed_rig import TypedRig, rig_toml
 
 __all__ = [
-    "GAUGE_HELD", "TYPED", "Accuracy", "Bow", "Camera", "Covariance", "Display", "Face", "Formula",
+    "GAUGE_HELD", "MOSAICS", "TYPED", "Accuracy", "Bow", "Camera", "Covariance", "Display", "Face", "Formula",
     "Grid", "Layer", "Medium", "Mirror", "Pattern", "PatternShape", "PinholeCamera", "PointTable",
     "RestForm", "Scene", "Sensor", "Surface", "TelecentricCamera", "Trace", "TypedRig", "adjusted",
     "dent", "dent_from_text", "dent_names", "dent_parameters", "load", "mean_beside", "movement",

@@ -113,12 +113,19 @@ class PointTable(Record, section="pattern.table"):
 PatternShape = Bow | PointTable
 
 
+def _stripes(name: str, value: Any) -> str:
+    if value not in ("rgb", "bgr"):
+        raise InputError(f"{name} = {value!r}: must be rgb or bgr; leave it out if red, green, blue coincide")
+    return str(value)
+
+
 @dataclass(frozen=True, eq=False)
 class Pattern(Posed, section="pattern"):
     """Cell (u, v) (column, row) has its centre at origin + u pitch u_axis + v pitch aspect v_axis.
 
     pitch mm; blur_px: rms radius, in cells, of the Gaussian through which the camera reads the pattern (0:
-    none); shape: deviation from that plane, or None; aspect: height of a cell over its width.
+    none); shape: deviation from that plane, or None; aspect: height of a cell over its width; stripes: order
+    along u of the red, green and blue third of a cell, 'rgb' or 'bgr'; None: each fills its cell.
     """
 
     pitch: Annotated[float, positive, "pitch_mm"]
@@ -127,6 +134,7 @@ class Pattern(Posed, section="pattern"):
     blur_px: Annotated[float, non_negative] = 0.0
     shape: PatternShape | None = None
     aspect: float = 1.0
+    stripes: Annotated[str | None, _stripes] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

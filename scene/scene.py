@@ -26,7 +26,7 @@ from .sensor import Display, Sensor
 __all__ = ["FOREIGN", "Scene", "resize", "scene_window", "strided"]
 
 #: Sections of other parts in a rig's file.
-FOREIGN = ("rest", "response", "profile", "devices", "sync", "start")
+FOREIGN = ("rest", "response", "colour", "profile", "devices", "sync", "start")
 _FILES = {"file", "height", "places"}  # keys there that name a file
 
 

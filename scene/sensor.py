@@ -4,17 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from optolever import InputError
 
-from .fields import Float, Record, integer, non_negative, number, positive
+from .fields import Float, Record, integer, non_negative, number, positive, vector
 
-__all__ = ["Display", "Sensor"]
+__all__ = ["MOSAICS", "Display", "Sensor"]
 
 _share = partial(non_negative, below=1)
+#: Colours of a mosaic's pixels (0, 0), (0, 1), (1, 0), (1, 1): row, column.
+MOSAICS = ("RGGB", "GRBG", "GBRG", "BGGR")
+
+
+def _mix(name: str, value: Any) -> Float:
+    """(3, 3) shares of at least 0 that can be told apart."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) != 3:
+        raise InputError(f"{name} = {value!r}: must be three lists of three numbers")
+    mix = np.stack([vector(f"{name}[{k}]", row) for k, row in enumerate(value)])
+    if mix.min() < 0 or abs(np.linalg.det(mix)) < 1e-3:
+        raise InputError(f"{name} = {mix.tolist()}: must not be negative, nor its rows nearly dependent")
+    mix.flags.writeable = False
+    return mix
+
+
+def _mosaic(name: str, value: Any) -> str:
+    if value not in MOSAICS:
+        raise InputError(f"{name} = {value!r}: must be one of {', '.join(MOSAICS)}")
+    return str(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +56,9 @@ class Sensor(Record, section="sensor"):
     level = offset + 255 (exposure light)^(1/gamma), clipped to 0..255, rounded to `bits` bits (255 becomes
     2^bits - 1). noise: standard deviation of the read noise in levels; gain_e: electrons per level, for shot
     noise (0: none); flicker: relative amplitude of the light's oscillation at flicker_hz; frame_s: time from
-    frame to frame; shutter_s: how long a frame is exposed (0: an instant).
+    frame to frame; shutter_s: how long a frame is exposed (0: an instant). Of a colour camera mix (3, 3):
+    share of the display's red, green and blue (columns) in the camera's (rows), for `capture_colour`; mosaic:
+    one of MOSAICS, 2 x 2 of its pixels in each of the scene's camera; None: three values in every pixel.
     """
 
     bits: Annotated[int, partial(integer, least=8, most=16)] = 8
@@ -50,6 +71,8 @@ class Sensor(Record, section="sensor"):
     flicker_hz: Annotated[float, positive] = 100.0
     frame_s: Annotated[float, positive] = 1 / 60
     shutter_s: Annotated[float, non_negative] = 0.0
+    mix: Annotated[Float | None, _mix] = None
+    mosaic: Annotated[str | None, _mosaic] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,7 +4,8 @@ corrected or added to the variance. They never see each other.
     correct(view) -> Correction | None     None where the sample does not show it at a chance of 1e-6: it then
                                            costs nothing
 
-`lag` corrects levels, `motion` adds to the variance of places, `shared` measures what pixels have in common.
+`lag` corrects levels, `motion`, `leak` and `stripes` add to the variance of places, `shared` measures what
+pixels have in common.
 """
 
 from collections.abc import Callable

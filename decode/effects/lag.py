@@ -39,24 +39,19 @@ _UNITS = ("of the frame before", "of the frame before that")
 _KNOWN, _NEAR, _DECIDED = 1e-3, 0.2, 0.25
 
 
-def matrix(effects: tuple[Effect, ...], count: int) -> F64:
-    """(N, N): frames without the lag of a profile's effects from captured ones; the first frame has none."""
+def matrix(effects: tuple[Effect, ...], plan: Plan) -> F64:
+    """(N, N): frames without the lag of a profile's effects from captured ones; the first exposure has
+    none."""
     shares = [one.value for one in effects if one.unit in _UNITS and one.name != LADDER]
-    return np.asarray(np.linalg.inv(_mixture(np.array(shares), count)))
+    return np.asarray(np.linalg.inv(_mixture(np.array(shares), plan)))
 
 
-def _mixture(shares: F64, count: int) -> F64:
+def _mixture(shares: F64, plan: Plan) -> F64:
     """(N, N), by shares of the frame before, of the one before that."""
-    mixed: F64 = (1 - shares.sum()) * np.eye(count)
+    mixed: F64 = (1 - shares.sum()) * np.eye(len(plan.frames))
     for depth, share in enumerate(shares, 1):
-        mixed += share * _before(count, depth)
-    mixed[0] = np.eye(count)[0]
+        mixed += share * plan.before(depth)
     return mixed
-
-
-def _before(count: int, depth: int) -> F64:
-    """(N, N): each frame by the one so many before it, at least the first."""
-    return np.asarray(np.eye(count)[np.maximum(np.arange(count) - depth, 0)])
 
 
 def correct(view: View) -> Correction | None:
@@ -86,15 +81,16 @@ def correct(view: View) -> Correction | None:
         return Correction((Effect(LADDER, float(shares[0]), float(sigma[0]), _UNITS[0]),))
     named = zip(("lag", "longer lag"), shares.tolist(), sigma.tolist(), _UNITS, strict=False)
     found = tuple(Effect(*one) for one in named)[: 1 + sure[1:].any()]
-    return Correction(found, _variance(view, found), matrix(found, count))
+    return Correction(found, _variance(view, found), matrix(found, plan))
 
 
 @lru_cache(maxsize=16)
 def _vanishing(plan: Plan, count: int) -> F64:
-    """Orthonormal combinations (M, N) without the first frame, before which another one is unknown."""
+    """Orthonormal combinations (M, N) without the first exposure, before which another one is unknown."""
     axes = tuple(replace(axis, code=None) for axis in plan.axes)
     rows = constraints(replace(plan, axes=axes, white=-1, black=-1), count)
-    return rows[0][np.abs(rows[0][:, 0]) < 1e-9] if rows else np.zeros((0, count))
+    first = plan.exposures[0]
+    return rows[0][(np.abs(rows[0][:, first]) < 1e-9).all(axis=1)] if rows else np.zeros((0, count))
 
 
 def _step(
@@ -102,8 +98,8 @@ def _step(
 ) -> tuple[float, float]:
     """Correction of one of the shares, and its sigma."""
     count = len(levels)
-    back = np.linalg.inv(_mixture(shares, count))
-    change = np.eye(count) - _before(count, depth + 1)  # of -A, by the share
+    back = np.linalg.inv(_mixture(shares, plan))
+    change = np.eye(count) - plan.before(depth + 1)  # of -A, by the share
     light, fit, moved = back @ levels, np.eye(count) - rows.T @ rows, back @ change
     slope = rows @ moved @ fit  # of C A^-1 x with the share, from samples without their residuals
     found = [
@@ -188,9 +184,9 @@ def _nuisance(plan: Plan, row: F64, light: F64) -> F64:
 
 def _variance(view: View, found: tuple[Effect, ...]) -> F64:
     """px^2 of each axis (A,): sigma of the share times the mean square of the place's change by it."""
-    count, axes = len(view.sample.levels), view.plan.axes
-    light, shifts = matrix(found, count) @ view.sample.levels.astype(np.float64), np.zeros(len(axes))
-    before = _before(count, 1) @ light - light
+    plan, axes = view.plan, view.plan.axes
+    light, shifts = matrix(found, plan) @ view.sample.levels.astype(np.float64), np.zeros(len(axes))
+    before = plan.before(1) @ light - light
     for k, fringe in ((k, axis.fringes[-1]) for k, axis in enumerate(axes) if axis.fringes):
         turned = (_phase(fringe, light)[1] * before).sum(axis=0) * fringe.period
         shifts[k] = np.nanmean(np.square(turned))

@@ -16,7 +16,7 @@ from optolever.kernels import F64
 from ..plan import AxisPlan
 from . import Correction, Effect, View
 
-__all__ = ["correct"]
+__all__ = ["Edges", "correct", "edges_of", "smooth_places"]
 
 #: Level, share of the half contrast, below which a pixel is at an edge; fewest of them in a part; chance.
 _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
@@ -36,8 +36,8 @@ def correct(view: View) -> Correction | None:
     view = view._replace(sample=view.wide)
     if not len(view.wide.places):
         return None
-    smooth = [_smooth(view, place) for place in view.places(view.wide)]
-    edges = [_edges(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
+    smooth = [smooth_places(view, place) for place in view.places(view.wide)]
+    edges = [edges_of(view, axis, place) for axis, place in zip(view.plan.axes, smooth, strict=False)]
     best, least = None, _CHANCE / len(_SIDES)
     for side in _SIDES:
         rows, cols = (np.arange(one + 1) * side // (one + 1) for one in view.sample.places.max(axis=0))
@@ -51,11 +51,11 @@ def correct(view: View) -> Correction | None:
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
             found = Effect("motion", rate, rate / float(np.sqrt(2 * len(rates))), "px per frame")
-            best = Correction((found,), np.array((rate * (len(view.plan.frames) - 1)) ** 2 / 3))
+            best = Correction((found,), np.array((rate * (len(view.plan.exposures) - 1)) ** 2 / 3))
     return best
 
 
-def _smooth(view: View, place: F64) -> F64:
+def smooth_places(view: View, place: F64) -> F64:
     """Places (K,) amid two neighbours of the row on whose line they lie to _BENT px, else NaN: at a rim two
     places mix."""
     first, found = view.sample.adjacent(3), np.full(place.shape, np.nan)
@@ -65,18 +65,19 @@ def _smooth(view: View, place: F64) -> F64:
     return found
 
 
-class _Edges(NamedTuple):
-    """B bits: time to the fringe, frames (B,). Pixels at their edges (E,): number of the bit, pixel; place
-    less the edge's, px; level."""
+class Edges(NamedTuple):
+    """B bits: time to the fringe, exposures (B,); number of a frame of each. Pixels at their edges (E,):
+    number of the bit, pixel; place less the edge's, px; level."""
 
     time: F64
+    frames: NDArray[np.int64]
     bit: NDArray[np.int64]
     at: NDArray[np.int64]
     away: F64
     level: F64
 
 
-def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
+def _parts(edges: Edges, part: NDArray[np.int64], parts: int) -> F64:
     """(4, parts of the image): rate by a line through the bits' means over time; sums of squares that it
     explains and leaves, degrees of freedom. A part has edges of one width, in px per level."""
     own = part[edges.at]
@@ -101,7 +102,7 @@ def _parts(edges: _Edges, part: NDArray[np.int64], parts: int) -> F64:
     return np.stack([rate, explained, left, freedom])
 
 
-def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
+def edges_of(view: View, axis: AxisPlan, place: F64) -> Edges | None:
     code, p, known = axis.code, view.plan, np.flatnonzero(np.isfinite(place))
     if code is None or not axis.fringes or min(p.white, p.black) < 0:
         return None
@@ -113,7 +114,8 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
     middle, half = 0.5 * (white + black), 0.5 * np.maximum(white - black, 0)
     word = np.empty(len(code.cells), np.int64)
     word[code.cells] = np.arange(len(code.cells))
-    then, found = float(np.mean(axis.fringes[-1].index)), []
+    times = p.times()
+    then, found = float(np.mean(times[list(axis.fringes[-1].index)])), []
     for b, pair in enumerate(zip(code.plain.tolist(), code.inverse.tolist(), strict=True)):
         bright, shown = (word >> b) & 1, [i for i in pair if i >= 0]
         at = np.flatnonzero(np.diff(bright)) + 1
@@ -129,13 +131,14 @@ def _edges(view: View, axis: AxisPlan, place: F64) -> _Edges | None:
         proportional = _quantile(away * level, 0.5) / max(_quantile(level * level, 0.5), 1e-6) * level
         far = _FAR * _quantile(np.abs(away - proportional), 0.9)  # rims are no motion
         away = proportional + np.clip(away - proportional, -far, far)
-        found.append((float(np.mean(shown)) - then, known[keep], away, level))
+        found.append((float(np.mean(times[shown])) - then, known[keep], away, level, shown[0]))
     if not found:
         return None
     bit = np.repeat(np.arange(len(found)), [len(one[1]) for one in found])
     at, away, level = (np.concatenate([one[k] for one in found]) for k in (1, 2, 3))
     time = np.array([one[0] for one in found])
-    return _Edges(time, bit, at.astype(np.int64), away, level)
+    frames = np.array([one[4] for one in found])
+    return Edges(time, frames, bit, at.astype(np.int64), away, level)
 
 
 def _quantile(values: F64, share: float) -> float:

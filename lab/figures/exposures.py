@@ -1,0 +1,138 @@
+"""Three patterns in a picture against the same in grey: errors of places and heights, over sigma.
+
+Light without noise comes from the virtual sensor; lag, flicker, photon noise and 8 bits are added here, so
+that each exposure holds a share of the one before.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optolever.decode import decode
+from optolever.patterns import Sequence, packed, sequence_from_text
+from optolever.projector import (
+    NOMINAL_MIX,
+    NOMINAL_SENSOR,
+    Capture,
+    ColourCapture,
+    ColourResponse,
+    capture,
+    capture_colour,
+)
+from optolever.reconstruct import reconstruct
+from optolever.scene import Display, dent_from_text, load, resize, trace
+
+__all__ = ["CASES", "Case", "Compared", "compared"]
+
+Floats = NDArray[np.float64]
+#: Electrons a level, read noise (levels), white of 16 bits.
+_GAIN, _READ, _FULL = 30.0, 0.2, 65535.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Of a rig and its captures; mix: standard deviation by which the stored mix is off, and says so."""
+
+    lag: float = 0.0
+    flicker: float = 0.0
+    gamma: float | None = None
+    stripes: str = "none"
+    mosaic: str | None = None
+    mix: float = 0.0
+
+
+CASES: Mapping[str, Case] = {
+    "nominal": Case(),
+    "lag 10 %": Case(lag=0.1),
+    "gamma 2.2": Case(gamma=2.2),
+    "mix 1 % off": Case(mix=0.01),
+    "flicker 2 %": Case(flicker=0.02),
+    "stripes": Case(stripes="rgb"),
+    "mosaic": Case(mosaic="RGGB"),
+}
+
+
+class Compared(NamedTuple):
+    """Exposures; height error (nm rms) and error over sigma of places and heights; share beyond 5 sigma;
+    share of good pixels; named: notices."""
+
+    exposures: int
+    height_nm: float
+    places: float
+    heights: float
+    beyond: float
+    good: float
+    named: bool
+
+
+def compared(text: str, case: Case, seeds: int, size: tuple[int, int], colour: bool) -> Compared:
+    """Root mean squares over captures of a dent on prism48; shares are means."""
+    runs = list(_runs(text, case, seeds, size, colour))
+    every = np.array([run[1:6] for run in runs], np.float64)
+    height, places, heights = np.sqrt(np.mean(np.square(every[:, :3]), axis=0)).tolist()
+    beyond, good = every[:, 3:].mean(axis=0).tolist()
+    named = any(run.named for run in runs)
+    return Compared(runs[0].exposures, height, places, heights, beyond, good, named)
+
+
+def _runs(text: str, case: Case, seeds: int, size: tuple[int, int], colour: bool) -> Iterator[Compared]:
+    scene = resize(load("prism48", exact=True), *size)
+    stripes = None if case.stripes == "none" or not colour else case.stripes
+    clean = replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mosaic=case.mosaic if colour else None)
+    display = None if case.gamma is None else Display(gamma=case.gamma)
+    pattern = replace(scene.pattern, stripes=stripes)
+    scene = replace(scene, sensor=clean, display=display, pattern=pattern)
+    surface = dent_from_text(scene.dent or "flat", scene)
+    shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
+    if colour:
+        taken = capture_colour(scene, surface, packed(shown, case.stripes))
+        light, shown = taken.images, taken.sequence
+    else:
+        light = capture(scene, surface, shown).frames
+    truth = trace(scene, surface)
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        images = _levels(light, case, rng)
+        frames = _unmixed(images, shown, case, rng) if colour else Capture(images, shown)
+        found = decode(frames.frames, frames.sequence)
+        ratios = []
+        for axis in "uv":
+            error = getattr(found, axis) - getattr(truth, axis)
+            ratios.append((error / getattr(found, f"sigma_{axis}"))[found.good])
+        places = np.concatenate(ratios)
+        heights = reconstruct(found, scene)
+        error, own = (heights.z - truth.z)[heights.good], heights.sigma[heights.good]
+        yield Compared(
+            shown.exposures,
+            1e6 * float(np.sqrt(np.mean(error**2))),
+            float(np.sqrt(np.median(places**2) / 0.4549)),
+            float(np.sqrt(np.mean((error / own) ** 2))),
+            float(np.mean(np.abs(places) > 5)),
+            float(found.good.mean()),
+            bool(found.notices),
+        )
+
+
+def _levels(
+    light: NDArray[np.uint8] | NDArray[np.uint16], case: Case, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Pictures of 8 bits with photon and read noise."""
+    level = light / _FULL * 255 - NOMINAL_SENSOR.offset
+    level[1:] = (1 - case.lag) * level[1:] + case.lag * level[:-1]
+    swing = 1 + case.flicker * np.sin(2 * np.pi * rng.random(len(level)))
+    level = level * swing.reshape(-1, *(1,) * (level.ndim - 1))
+    level = rng.poisson(np.maximum(level, 0) * _GAIN) / _GAIN + NOMINAL_SENSOR.offset
+    return np.clip(np.rint(level + _READ * rng.standard_normal(level.shape)), 0, 255).astype(np.uint8)
+
+
+def _unmixed(images: NDArray[np.uint8], shown: Sequence, case: Case, rng: np.random.Generator) -> Capture:
+    """By the sensor's mix, off by the case's error."""
+    scale = NOMINAL_SENSOR.exposure
+    mix = (NOMINAL_MIX + case.mix * rng.standard_normal((3, 3))) * scale
+    dark, sigma = np.full(3, NOMINAL_SENSOR.offset / 255), np.full((3, 3), case.mix * scale)
+    ends = np.array([0.0, 255.0]), np.tile([0.0, 1.0], (3, 1))
+    response = ColourResponse(dark, mix, sigma, 0.0, *ends, case.mosaic)
+    return ColourCapture(images, shown).unmixed(response)
