@@ -96,7 +96,8 @@ def monitors() -> list[Monitor]:
 
 
 class PatternWindow:
-    """Shows frames of `sequence`, row 0 on top, column 0 on the left, one pattern pixel per screen pixel.
+    """Shows frames of `sequence` (of one in colour its exposures), row 0 on top, column 0 on the left, one
+    pattern pixel per screen pixel.
 
     monitor: index into `monitors()` for full screen, None for a plain window of the pattern's size. `show`
     returns once the frame before is off the screen, so that it can pace a camera. A context manager and a
@@ -105,7 +106,7 @@ class PatternWindow:
     """
 
     def __init__(self, sequence: Sequence, *, monitor: int | None = None) -> None:
-        self._count, self.index, self.closed, self.gone = len(sequence), -1, False, False
+        self._count, self.index, self.closed, self.gone = sequence.exposures, -1, False, False
         self._child = _Child()
         try:
             opened = self._ask("open", sequence=sequence.to_dict(), monitor=monitor)

@@ -12,7 +12,7 @@ from .context import checked, context, free
 from .groups import combined, varying_axis
 from .shaders import compile_program, source
 
-__all__ = ["FramePainter", "PatternRenderer"]
+__all__ = ["PatternRenderer", "PicturePainter"]
 
 
 class FramePainter:
@@ -68,6 +68,25 @@ class FramePainter:
         for unit, name in enumerate(("table_u", "table_v") if axis == "uv" else ("table",)):
             program[name] = unit
         return program
+
+
+class PicturePainter:
+    """Draws what a display shows, picture by picture: frames, or of a sequence in colour its exposures."""
+
+    def __init__(self, ctx: moderngl.Context, sequence: Sequence) -> None:
+        shown = [sequence] if sequence.packing is None else [sequence.channel(k) for k in range(3)]
+        self._channels = [FramePainter(ctx, channel) for channel in shown]
+
+    def draw(self, index: int, target: moderngl.Framebuffer, *, top: int = 0) -> None:
+        """See FramePainter.draw."""
+        everything = (True,) * 4
+        masks = (
+            [everything] if len(self._channels) == 1 else [(k == 0, k == 1, k == 2, True) for k in range(3)]
+        )
+        for painter, mask in zip(self._channels, masks, strict=True):
+            target.color_mask = mask
+            painter.draw(index, target, top=top)
+        target.color_mask = everything
 
 
 class PatternRenderer:

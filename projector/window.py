@@ -33,7 +33,7 @@ from optolever.processes import SAFE_PATH, environment
 from .context import free
 from .devices import Shown
 from .monitors import Monitor, edid_of
-from .renderer import FramePainter
+from .renderer import PicturePainter
 
 __all__ = ["Window", "connected_monitors", "main"]
 
@@ -111,7 +111,7 @@ class Window:
             glfw.set_key_callback(self._window, self._on_key)
             self._ctx = moderngl.create_context(require=330)
             self._ctx.disable_direct(_DITHER)
-            self._painter = FramePainter(self._ctx, sequence)
+            self._painter = PicturePainter(self._ctx, sequence)
         except BaseException:
             glfw.destroy_window(self._window)
             raise
@@ -167,7 +167,7 @@ class Window:
         while not self.closed and not self.gone:
             if self._steps:
                 steps, self._steps = self._steps, 0
-                self.show((self.index + steps) % len(self._sequence))
+                self.show((self.index + steps) % self._sequence.exposures)
             glfw.wait_events_timeout(_POLL_S)
 
     def _on_monitor(self, handle: Any, event: int) -> None:

@@ -19,7 +19,7 @@ import pytest
 from optolever import InputError
 from optolever.camera import Arrivals, ClockMap
 from optolever.camera.cameras import StillCamera
-from optolever.patterns import sequence
+from optolever.patterns import packed, sequence
 from optolever.projector import Capture, ContextInfo, Identity, PatternWindow, RealTime, monitors
 
 from .conftest import RUN, optolever, x_display
@@ -60,6 +60,20 @@ def test_window_shows_the_frames(
             if image.any() and monitor is None:
                 top, left = np.argwhere(screen).min(axis=0) - np.argwhere(image).min(axis=0)
             np.testing.assert_array_equal(screen[top : top + 48, left : left + 80], image)
+
+
+def test_window_shows_three_frames_at_once(
+    x_server: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a sequence in colour: red, green and blue are its pictures, and none comes after the last."""
+    monkeypatch.setenv("DISPLAY", x_server[0])
+    shown, buffer = packed(sequence("gray+phase", 48, 80), "rgb"), FrameBuffer(x_server[1], 48, 80)
+    with PatternWindow(shown, monitor=0) as window:
+        for index, picture in enumerate(shown.pictures()):
+            window.show(index)
+            np.testing.assert_array_equal(buffer.colours[..., ::-1], picture)
+        with pytest.raises(IndexError):
+            window.show(shown.exposures)
 
 
 def test_keys_step_and_close(x_server: tuple[str, Path], tmp_path: Path) -> None:
