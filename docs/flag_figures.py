@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sheet import new_figure
 
 from optolever.decode import Correspondence, Flag, decode
-from optolever.patterns import Sequence, sequence_from_text
+from optolever.patterns import Sequence, sequence
 from optolever.projector import capture
 from optolever.reconstruct import HeightFlag, exact_correspondence, reconstruct
 from optolever.scene import Scene, dent_from_text, load, resize, trace
@@ -30,7 +30,6 @@ class Case:
 
     flag: Flag | HeightFlag
     dent: str = "gaussian:peak=0.2,sigma=6"
-    code: str = "gray+phase"
     noise: float = 1.0
     change: Change = lambda frames: frames
     show: int = -6  # frame of the picture
@@ -98,7 +97,7 @@ def prism() -> Scene:
 
 def frames_of(case: Case, rig: Scene) -> tuple[Frames, Sequence]:
     """Frames of a case as its decoder gets them."""
-    shown = sequence_from_text(case.code, rig.pattern.rows, rig.pattern.cols)
+    shown = sequence("gray+phase", rig.pattern.rows, rig.pattern.cols)
     seen = capture(rig, dent_from_text(case.dent, rig), shown, noise=case.noise, seed=1)
     return np.clip(np.rint(case.change(seen.frames.astype(np.float64))), 0, 255).astype(np.uint8), shown
 

@@ -15,6 +15,10 @@ import pytest
 from optolever.cli import run
 
 ROOT = Path(__file__).resolve().parents[2]
+#: Notices that are true of pages' captures, by their first words.
+TRUE = (
+    "pictures compressed with loss", "No capture reveals it", "gauge: the mirror", "The [layer] has no",
+)  # fmt: skip
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))
 #: Pages that measure for seconds; the others are run every day.
 SLOW = {
@@ -50,11 +54,20 @@ def play(page: str, text: str) -> None:
             Path(first[2:]).write_text(block.text)
         elif block.language == "console":
             for line, shown in commands(block.text):
-                printed = io.StringIO()
-                with contextlib.redirect_stdout(printed):
+                printed, said = io.StringIO(), io.StringIO()
+                with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
                     assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
+                true(said.getvalue() + printed.getvalue(), f"{page}: {line}")
                 if page in PRINTED:
                     same(shown, printed.getvalue(), page)
+
+
+def true(printed: str, where: str) -> None:
+    """Notices are true of the capture, and most of its pixels are good."""
+    for notice in re.findall(r"[Nn]otice: (.*)", printed):
+        assert notice.startswith(TRUE), f"{where}: {notice}"
+    for good in re.findall(r"^ *good +([\d.]+) %|([\d.]+) % good", printed, re.MULTILINE):
+        assert float(max(good)) > 50, f"{where}: {max(good)} % good"
 
 
 def commands(text: str) -> list[tuple[str, str]]:
