@@ -27,7 +27,7 @@ from .printing import progress
 from .workers import Outcome, Run, Task, workers
 
 #: Parameters that change no result.
-_BESIDE = ("out", "json_path", "save_profile")
+_BESIDE = ("out", "json_path", "save_profile", "verbose")
 #: Columns of every table, around the numbers of the command itself: of the deepest contact, by its fields.
 _OF_CONTACT = {
     "depth_mm": "depth", "depth_sigma_mm": "depth_sigma", "area_mm2": "area", "force_n": "force",

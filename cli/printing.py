@@ -13,6 +13,7 @@ import optolever as ol
 from optolever.errors import InputError
 from optolever.quantities import length as length
 from optolever.quantities import number as number
+from optolever.quantities import quantity as quantity
 from optolever.quantities import two_digits
 
 if TYPE_CHECKING:
@@ -67,17 +68,23 @@ def noise_and_rig(noise: float, rig: float) -> str:
 
 
 def contact_rows(
-    contacts: "Sequence[Mapping[str, Any]]", layer: "ol.scene.Layer | None" = None
+    contacts: "Sequence[Mapping[str, Any]]", layer: "ol.scene.Layer | None" = None, full: bool = False
 ) -> dict[str, str]:
-    """Contacts (Contact.to_dict) for `table`, a row each; layer: of the scene."""
-    rows = {}
-    for count, one in enumerate(contacts, 1):
-        rows[f"contact {count}"] = str(ol.reconstruct.Contact.from_dict(dict(one)))
-    if contacts and contacts[0]["force"] is None:
-        rows["force"] = "unknown: the scene has no [layer] with youngs_modulus_mpa"
-    elif contacts and layer is not None and layer.thickness_mm is None:
-        rows["force"] = "of a half-space: the scene's [layer] has no thickness_mm"
-    return rows
+    """Contacts (Contact.to_dict) for `table`: the first one's depth, place and force, or full: a row each;
+    layer: of the scene."""
+    found = [ol.reconstruct.Contact.from_dict(dict(one)) for one in contacts]
+    if not found:
+        return {}
+    first, force = found[0], "unknown: the scene has no [layer] with youngs_modulus_mpa"
+    if first.force is not None:
+        force = "at least " * first.force_at_least + quantity(first.force, "N", first.force_sigma or math.nan)
+        if layer is not None and layer.thickness_mm is None:
+            force += " of a half-space: the scene's [layer] has no thickness_mm"
+    if full:
+        return {f"contact {count}": str(one) for count, one in enumerate(found, 1)} | {"force": force}
+    depth = "at least " * first.depth_at_least + quantity(first.depth, "mm", first.depth_sigma)
+    more = f"; {len(found) - 1} more: --verbose" if len(found) > 1 else ""
+    return {"contact": f"depth {depth} at ({first.x:.4g}, {first.y:.4g}) mm{more}", "force": force}
 
 
 def budget_rows(readings: "Mapping[str, Mapping[str, float]]") -> tuple[list[str], list[list[str]]]:

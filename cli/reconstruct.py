@@ -52,14 +52,10 @@ Height map in h.npz
   height              −0.006196 to 1.3 mm
   sigma               ± 90 nm noise (medians)
   off_pattern         1.973 %
-  chi2                0.846 per degree of freedom (953 of them), 1 by noise
   error               0.0002127 of the peak depth, rms
   rms(error / sigma)  0.9885
-  contact 1           depth 1.29999 ± 0.00019 mm, x 81.8501 ± 0.0044 mm, y
-                      81.8496 ± 0.0044 mm, area 1742.67 ± 0.49 mm², volume
-                      1633.96 ± 0.35 mm³, radius 430 ± 75 mm
+  contact             depth 1.29999 ± 0.00019 mm at (81.85, 81.85) mm
   force               unknown: the scene has no [layer] with youngs_modulus_mpa
-  time                0.6361 s
 """
 
 
@@ -84,10 +80,12 @@ FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: fa
 KEEP = Opt(
     "--keep-rest", "The mirror is at rest: keep it with the rig RIG.toml; later heights are those above it."
 )
+VERBOSE = Opt("--verbose", "Print every flag and contact, the uncertainty by source and chi2, too.")
 ACCEPT = Opt("--accept", "Keep heights that contradict the scene; else all are flagged, exit code 2.")
 
 
-_BUDGET = "Uncertainty by source; a contact's depth is less the rig's errors that its surroundings show"
+_RARE = 1e-3  # share of pixels from which on a flag is printed
+_BUDGET = "Uncertainty by source; errors of the rig common to a dent and its surroundings cancel in its depth"
 
 
 @program("reconstruct", SAMPLE, partial(Many, captures="sources", imports=("reconstruct",)))
@@ -108,6 +106,7 @@ def command(
     size: Size = None,
     pitch: Pitch = None,
     facet: Annotated[str | None, FACET] = None,
+    verbose: Annotated[bool, VERBOSE] = False,
     json_path: Json = None,
 ) -> int:
     """Reconstruct the mirror's height, with an error bar per pixel.
@@ -171,9 +170,9 @@ def command(
             regular = cache(height.resample)
             written = possible(grids, lambda path: regular(pitch).export(path), kept=True)
             write_json(json_path, numbers)
-    print_notices([*dented, *height.notices])
-    table(f"Height map in {out}", _rows(numbers, scene.layer))
-    if "budget_mm" in numbers:
+    print_notices([*dented, *(one for one in height.notices if one not in correspondence.notices)])
+    table(f"Height map in {out}", _rows(numbers, scene.layer, verbose))
+    if verbose and "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
     return 0 if height.good.any() and not height.implausible and (written or not grids) else 2
 
@@ -237,18 +236,21 @@ def _against_truth(
     return ol.samples.height_metrics(truth, correspondence, height)
 
 
-def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None") -> dict[str, str]:
-    rig = numbers["calibration_sigma_mm"]
+def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None", verbose: bool) -> dict[str, str]:
+    rig, flags = numbers["calibration_sigma_mm"], numbers["flags"]
+    largest = max(flags, key=flags.get, default="")
     rows = {
         "good": number(100 * numbers["good_share"], "% of the pixels"),
         "height": f"{number(numbers['z_min_mm'])} to {number(numbers['z_max_mm'], 'mm')}",
         "sigma": f"{noise_and_rig(numbers['sigma_mm'], rig or 0.0)} (medians)",
-        **flag_rows(numbers["flags"]),
+        **flag_rows(
+            {name: flags[name] for name in flags if verbose or (name == largest and flags[name] > _RARE)}
+        ),
     }
-    if numbers["chi2"] is not None:
+    if verbose and numbers["chi2"] is not None:
         freedom, by = numbers["freedom"], "" if rig is None else " and the errors of the rig"
         rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom} of them), 1 by noise{by}"
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_total"])
-    return rows | contact_rows(numbers["contacts"], layer) | {"time": number(numbers["seconds"], "s")}
+    return rows | contact_rows(numbers["contacts"], layer, verbose)

@@ -9,7 +9,7 @@ from optolever import InputError
 from .arguments import ABOVE_0, Arg, Opt, program
 from .options import Full, Json, blame, load_scene, preset, rest_file
 from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
-from .printing import budget_rows, grid, medians, noise_and_rig, number, print_notices, table, write_json
+from .printing import medians, noise_and_rig, number, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever report h.npz --correspondence c.npz --capture capture \\
@@ -80,12 +80,10 @@ def command(
         with ol.files.together():
             ol.report.write_measurement_report(out / "report.html", given, full=full)
             write_json(json_path, shares | {"budget_mm": readings})
-    print_notices(given.notices)
+    print_notices(one for one in given.notices if one not in height.notices)
     rows = {
         "good": number(100 * shares["good_share"], "% of the pixels"),
         "sigma": f"{noise_and_rig(noise, rig)} (medians)",
         "page": str(out / "report.html"),
     }
     table(f"Report of {source}: {given.provenance}", rows)
-    if given.readings:
-        grid("Uncertainty by source", *budget_rows(given.readings))
