@@ -30,6 +30,7 @@ from .rig_drawing import rig_drawing
 
 __all__ = ["write_demo_report", "write_measurement_report"]
 
+_NOISY = 3.0  # medians of its sigma, beyond which a curvature is not drawn
 THUMBNAIL, PIXELS = 150, 1_000_000  # of a frame, on its longer side; of all frames, both pictures of each
 #: Files of the page's folder, and their content.
 FILES = {
@@ -197,7 +198,9 @@ def _layers(study: Study) -> list[Layer]:
     if study.slopes is not None and study.curvature is not None:
         signed("slope x", study.slopes.slope_x, "mrad")
         signed("slope y", study.slopes.slope_y, "mrad")
-        signed("mean curvature", study.curvature.mean, "1/m", digits=4, share=0.96)
+        sigma = study.curvature.sigma_mean
+        usual = sigma <= _NOISY * np.median(sigma[height.good]) if height.good.any() else height.good
+        signed("mean curvature", np.where(usual, study.curvature.mean, np.nan), "1/m", digits=4, share=0.96)
     for other, less in given.less.items():
         change, spread = (np.where(less.good, part, np.nan) for part in height.difference(less))
         name = f"{given.name} − {other}"

@@ -31,9 +31,14 @@ def cards(study: Study, figures: Figures) -> list[Card]:
     def median(values: Floats) -> float:
         return float(np.median(values[good])) if good.any() else math.nan
 
-    found: list[Card] = []
-    if given.metrics:
-        found += _error_cards(given.metrics, figures)
+    found = _contact_cards(study.contacts[0], figures) if study.contacts else []
+    found += _error_cards(given.metrics, figures) if given.metrics else []
+    if study.fit is None and not study.contacts:
+        z = height.z[good] if good.any() else np.array([math.nan])
+        deepest, least = show("largest z", z.max(), "mm"), show("smallest z", z.min(), "mm")
+        found.append(("depth", "Largest z", deepest, Markup("smallest {}").format(least)))
+    if study.fit is not None:
+        found += _form_cards(study.fit, figures, given.waves)
     noise = show("sigma by noise", median(height.sigma), "mm")
     rig = Markup("")
     if height.modes is not None:
@@ -49,14 +54,23 @@ def cards(study: Study, figures: Figures) -> list[Card]:
         if rig:
             why = "of the good pixels; moves the whole map at once"
             found.append(("rig_mm", "Standard deviation by the rig, median", rig, why))
-    if study.fit is None:
-        z = height.z[good] if good.any() else np.array([math.nan])
-        deepest, least = show("largest z", z.max(), "mm"), show("smallest z", z.min(), "mm")
-        found.append(("depth", "Largest z", deepest, Markup("smallest {}").format(least)))
-    else:
-        found += _form_cards(study.fit, figures, given.waves)
-    share = show("good pixels", good.mean(), "%")
-    found.append(("good_share", "Pixels with a height", share, "of all camera pixels"))
+    if not given.metrics:
+        share = show("good pixels", good.mean(), "%")
+        found.append(("good_share", "Pixels with a height", share, "of all camera pixels"))
+    return found
+
+
+def _contact_cards(contact: Contact, figures: Figures) -> list[Card]:
+    """Depth, place and force of the deepest contact."""
+    show = figures.show
+    x, y = (show(f"contact 1 {name}", getattr(contact, name), "mm", contact.position_sigma) for name in "xy")
+    depth = show("contact 1 depth", contact.depth, "mm", contact.depth_sigma)
+    found: list[Card] = [
+        ("depth", "Depth of the contact", depth, Markup("over its surroundings, at x {}, y {}").format(x, y))
+    ]
+    if contact.force is not None:
+        force = show("contact 1 force", contact.force, "N", contact.force_sigma or math.nan)
+        found.append(("force", "Force", force, "normal to the mirror, by the scene's [layer]"))
     return found
 
 
@@ -83,8 +97,10 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
         found.append(("wavefront", "Reflected wavefront, rms", rms, says))
     for name, number, sigma in zip(fit.numbers.names, fit.numbers.values, fit.numbers.sigma, strict=True):
         if name in ("radius", "focal"):
-            value = show(f"{fit.form} {name}", number, "mm", float(sigma))
-            found.append((name, f"{name} of the {fit.form}".capitalize(), value, "above 0 where concave"))
+            value, says = show(f"{fit.form} {name}", number, "mm", float(sigma)), "above 0 where concave"
+            if abs(number) < 3 * sigma:
+                value, says = Markup("flat within its sigma"), value
+            found.append((name, f"{name} of the {fit.form}".capitalize(), value, says))
     along = dict(zip("xy", slope_errors(fit), strict=True))
     along_x, along_y = (
         show(f"slope error {axis}", 1e6 * one.known[0], "µrad", 1e6 * one.known[1])
@@ -111,13 +127,13 @@ def _error_cards(m: Mapping[str, float], figures: Figures) -> list[Card]:
         show(name, m[key], "mm")
         for name, key in (("sigma rms", "height_sigma_mm"), ("error median", "height_median_mm"))
     )
-    largest = Markup("{} rms, by sigma {}; median {}; largest, over that height: {}").format(
-        error, sigma, middle, worst
-    )
+    compared = Markup(
+        "{} of the largest height; by sigma {}; median {}; largest, over that height: {}"
+    ).format(over_peak, sigma, middle, worst)
     says = Markup("1 where error bars are true; u {}, v {}").format(*axes)
     seen = "of the pixels that see the pattern in the mirror"
     return [
-        ("height_rms_rel", "Height error, rms over largest height", over_peak, largest),
+        ("height_rms_rel", "Height error, rms", error, compared),
         ("unflagged_share", "Visible pixels with a height", share, seen),
         ("sigma_ratio_height", "Error over sigma, height", ratio, says),
     ]

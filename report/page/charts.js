@@ -257,7 +257,7 @@ function chart(figure, spec) {
   const margin = spec.names ? { range: (u, low, high) => [low - 0.7, high + 0.7] } : {};
   const plot = new uPlot(
     {
-      title: spec.title, legend: { show: !spec.plain }, ...size(figure.clientWidth || 300),
+      title: spec.title, legend: { show: !spec.plain, live: false }, ...size(figure.clientWidth || 300),
       scales: { x: { ...scale, ...margin }, y: { ...scale, time: undefined, ...(spec.ends ? { range: () => spec.ends } : {}) } },
       series: [first, ...series], bands: spec.bands || [],
       axes: [{ ...x, ...(spec.log ? ticks : {}) }, axis(spec.axes[1], { ...ticks, ...(spec.marks ? { splits: () => spec.marks } : {}) })],

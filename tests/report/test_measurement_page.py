@@ -245,18 +245,25 @@ INK = "getComputedStyle(document.documentElement).getPropertyValue('--ink').trim
 
 
 def test_a_page_prints_whole_and_light(mirror: Page, demo_page: Page, tmp_path: Path) -> None:
-    """On A4 from a dark browser: nothing is cut, canvases are drawn in dark ink, and after it as before."""
+    """On at most 4 sheets of A4 from a dark browser: nothing is cut, folded parts neither once they are open,
+    canvases are drawn in dark ink, and after it as before. On a screen the page is at most 2,500 px long; on
+    a narrow one tables alone scroll, inside their part."""
     for page in (mirror, demo_page):
         with Chromium(tmp_path / "profile") as browser:
             browser.look(1300, True)
             browser.open((page.folder / "report.html").as_uri())
             browser.wait("document.querySelector('[data-charts=ready]')")
+            assert browser.value("document.documentElement.scrollHeight") <= 2500
             dark = browser.value(INK)
             browser.value(f"window.inks = []; addEventListener('beforeprint', () => inks.push({INK}))")
             pdf = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
             assert pdf.startswith(b"%PDF")
+            assert 1 <= len(re.findall(rb"/Type /Page\b", pdf)) <= 4
             assert browser.value("inks") == ["#1b2430"] != [dark]
             browser.wait(f"{INK} === '{dark}'")
+            browser.value("document.querySelectorAll('details').forEach((one) => (one.open = true))")
+            browser.look(390, False)
+            browser.wait(f"{CUT}.every((one) => /scroll|TABLE/.test(one))")
             browser.look(718, False)  # A4 less margins of 1 cm
             browser.call("Emulation.setEmulatedMedia", media="print")
             assert browser.value(CUT) == []
