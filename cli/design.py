@@ -135,7 +135,7 @@ def command(
                 if csv_path is not None:
                     design.write_tradeoff_csv(csv_path, rows)
                 if chart is not None:
-                    design.write_tradeoff_chart(chart, rows, title)
+                    design.write_tradeoff_chart(chart, design.condition_panels(rows), title)
                 write_json(json_path, {"rows": [asdict(row) for row in rows]})
         return
     if len(faults) * len(noises) > 1 or chart or csv_path:

@@ -8,7 +8,6 @@ signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # of Ctrl-C the first pr
 gc.disable()  # a seventh of the time of imports, which make no garbage
 
 import scipy.linalg  # noqa: E402
-import scipy.ndimage  # noqa: E402
 import scipy.special  # noqa: E402, F401
 
 from optolever.kernels import exact  # noqa: E402

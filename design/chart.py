@@ -1,11 +1,12 @@
-"""The chart of error against CPU time and acquisition time: a mark per code, panels per condition."""
+"""The chart of error against a cost: a grid of panels, a mark per code, its number named below."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,51 +22,74 @@ from .tradeoff import Tradeoff
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["write_tradeoff_chart"]
+__all__ = ["Panel", "condition_panels", "write_tradeoff_chart"]
 
 _COSTS = {
-    "cpu_seconds": "CPU time to decode and solve [s]",
-    "acquisition_seconds": "time to show and take the frames [s]",
+    "cpu_seconds": ("CPU time by a profile, decode and solve [s]", (1, 2, 5)),
+    "acquisition_seconds": ("time to show and take the frames [s]", (1, 2, 5)),
+    "frames": ("pictures taken", (1, 1.2, 1.8, 2.4, 3.5, 5, 7)),
 }
-_WIDTH, _HEIGHT = 5.0, 3.9  # of a panel, inches
+_WIDTH, _HEIGHT = 4.4, 3.6  # of a panel, inches
 _RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of error over sigma, on the colour scale
+_DEFAULT = "gray+phase"
+
+
+class Panel(NamedTuple):
+    """Codes and their cost, the name of a field of Tradeoff."""
+
+    title: str
+    rows: Many[Tradeoff]
+    cost: str
+
+
+def condition_panels(rows: Many[Tradeoff]) -> list[list[Panel]]:
+    """Both times, a line of panels per condition."""
+    of = {
+        one: [row for row in rows if row.condition == one] for one in dict.fromkeys(r.condition for r in rows)
+    }
+    return [[Panel(name, of[name], cost) for cost in ("cpu_seconds", "acquisition_seconds")] for name in of]
 
 
 @default_style()
-def write_tradeoff_chart(path: Path, rows: Many[Tradeoff], title: str = "") -> None:
-    """Write a PNG: height error over both times, its standard deviation over the seeds as a bar, error over
-    sigma as the colour, the codes that no other beats in both as a grey line."""
-    shown = [row for row in rows if row.simulated > 0 and row.cpu_seconds > 0]
-    conditions = list(dict.fromkeys(row.condition for row in shown)) or [""]
-    figure = new_figure(2 * _WIDTH, _HEIGHT * len(conditions))
-    panels = figure.subplots(len(conditions), 2, sharey=True, squeeze=False)
-    factor, unit = length_unit(float(np.median([row.simulated for row in shown])) if shown else 1.0)
-    marks, errors, places = None, [factor * row.simulated for row in shown], []
-    if shown:  # the panels' common scale
-        panels[0, 0].set(yscale="log", ylim=(min(errors) / 1.7, max(errors) * 1.7))
-    for pair, condition in zip(panels, conditions, strict=True):
-        mine = [row for row in shown if row.condition == condition]
-        for panel, cost in zip(pair, _COSTS, strict=True):
-            marks = _draw(panel, mine, cost, factor) or marks
-            places.append((panel, [(row.code, getattr(row, cost), factor * row.simulated) for row in mine]))
-            panel.set_xlabel(_COSTS[cost], fontsize=9)
-        pair[0].set_ylabel(f"height error, rms [{unit}]", fontsize=9)
-        lost = [row.code for row in rows if row.condition == condition and row not in mine]
-        without = f"; no height: {', '.join(lost)}" if lost else ""
-        pair[0].set_title(f"{condition}{without}", fontsize=9, loc="left")
+def write_tradeoff_chart(
+    path: Path, panels: Many[Many[Panel]], title: str = "", names: Mapping[str, str] | None = None
+) -> None:
+    """Write a PNG: height error over cost, standard deviations over the seeds as bars, error over sigma as
+    the colour, a ring around the default, the codes that no other beats in both as a grey line. names: marks
+    other than numbers, drawn as diamonds."""
+    marks, places, letters = None, [], names or {}
+    size = len(panels), max(map(len, panels), default=1)
+    figure = new_figure(_WIDTH * size[1], _HEIGHT * size[0])
+    every = [row for line in panels for panel in line for row in panel.rows if _drawn(row)]
+    factor, unit = length_unit(float(np.median([row.simulated for row in every])) if every else 1.0)
+    for line, axes in zip(panels, figure.subplots(*size, sharey="row", squeeze=False), strict=True):
+        errors = [factor * row.simulated for panel in line for row in panel.rows if _drawn(row)]
+        if errors:
+            axes[0].set(yscale="log", ylim=(min(errors) / 1.7, max(errors) * 1.7))
+        axes[0].set_ylabel(f"height error, rms [{unit}]", fontsize=9)
+        for panel, axis in zip(line, axes, strict=True):
+            rows = [row for row in panel.rows if _drawn(row)]
+            marks = _draw(axis, rows, panel.cost, factor, letters) or marks
+            places += [(axis, row.code, getattr(row, panel.cost), factor * row.simulated) for row in rows]
+            lost = ", ".join(row.code for row in panel.rows if not _drawn(row))
+            axis.set_title(panel.title + (f"; no height: {lost}" if lost else ""), fontsize=9, loc="left")
     if marks is not None:
-        bar = figure.colorbar(marks, ax=panels, ticks=np.log2(_RATIOS), aspect=20 * len(conditions))
+        bar = figure.colorbar(marks, ax=figure.axes, ticks=np.log2(_RATIOS), aspect=20 * size[0])
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
-    order = list(dict.fromkeys(row.code for row in shown))
-    for panel, named in places:  # numbers, named once below
-        for code, x, y in named:
-            panel.annotate(str(order.index(code) + 1), (x, y), (5, 5), textcoords="offset points", fontsize=8)
-    names = "\n".join(f"{k}  {code}" for k, code in enumerate(order, 1))
-    figure.text(0.01, -0.01, names, fontsize=8, va="top")
+    codes = [code for code in dict.fromkeys(row.code for row in every) if code not in letters]
+    called = {code: str(k) for k, code in enumerate(codes, 1)} | dict(letters)
+    for axis, code, x, y in places:
+        axis.annotate(called[code], (x, y), (5, 5), textcoords="offset points", fontsize=8)
+    words = "\n".join(f"{called[code]}  {code}" for code in (*codes, *letters))
+    figure.text(0.01, -0.01, words, fontsize=8, va="top")
     with atomic_file(path) as temporary:
         figure.savefig(temporary, format="png", bbox_inches="tight")
+
+
+def _drawn(row: Tradeoff) -> bool:
+    return row.simulated > 0 and row.cpu_seconds > 0
 
 
 def front(cost: Floats, error: Floats) -> NDArray[np.intp]:
@@ -75,15 +99,17 @@ def front(cost: Floats, error: Floats) -> NDArray[np.intp]:
     return np.asarray(order[error[order] < least])
 
 
-def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
+def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float, letters: Mapping[str, str]) -> Any:
     """One panel; its marks."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+    label, ticks = _COSTS[name]
     panel.set(xscale="log", yscale="log")
-    for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_locator(LogLocator(10, (1, 2, 5), numticks=9))
+    for axis, subs in ((panel.xaxis, ticks), (panel.yaxis, (1, 2, 5))):
+        axis.set_major_locator(LogLocator(10, subs, numticks=9))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
+    panel.set_xlabel(label, fontsize=9)
     panel.tick_params(labelsize=8)
     panel.grid(color="0.93")
     panel.spines[["top", "right"]].set_visible(False)
@@ -92,14 +118,22 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float) -> Any:
     cost = np.array([getattr(row, name) for row in rows])
     error, spread = (factor * np.array([getattr(row, of) for row in rows]) for of in ("simulated", "spread"))
     best = front(cost, error)
-    ends = [*cost[best], 1.4 * cost.max()], [*error[best], error[best][-1]]
+    ends = [*cost[best], cost.max()], [*error[best], error[best][-1]]
     panel.step(*ends, where="post", color="0.75", lw=1.2, zorder=1)
-    bars = np.stack([np.minimum(spread, 0.9 * error), spread])
-    panel.errorbar(
-        cost, error, np.nan_to_num(bars), fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2
+    aside = [row.cpu_spread if name == "cpu_seconds" else 0.0 for row in rows]
+    y, x = (
+        np.nan_to_num(np.stack([np.minimum(one, 0.9 * at), one]))
+        for one, at in ((spread, error), (aside, cost))
     )
-    panel.set_xlim(cost.min() / 3, cost.max() * 4)
+    panel.errorbar(cost, error, y, x, fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2)
+    panel.set_xlim(cost.min() / 1.3, cost.max() * 1.3)
     ratio = np.log2([row.ratio if row.ratio > 0 else math.nan for row in rows])
-    return panel.scatter(
-        cost, error, c=ratio, cmap="coolwarm", vmin=-2, vmax=2, s=45, edgecolor="0.2", lw=0.8, zorder=3
-    )
+    ring = np.array([row.code == _DEFAULT for row in rows])
+    panel.scatter(cost[ring], error[ring], s=170, facecolor="none", edgecolor="0.2", lw=1.2, zorder=3)
+    own, marks = np.array([row.code in letters for row in rows]), None
+    for where, shape in ((own, "D"), (~own, "o")):
+        marks = panel.scatter(
+            cost[where], error[where], c=ratio[where], marker=shape, cmap="coolwarm", vmin=-2, vmax=2, s=45,
+            edgecolor="0.2", lw=0.8, zorder=3,
+        )  # fmt: skip
+    return marks

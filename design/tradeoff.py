@@ -32,12 +32,12 @@ def frame_rate(refresh: float, exposure_ms: float) -> float:
 class Tradeoff:
     """A code under noise (levels) and faults (see Faults; None: the scene's value).
 
-    acquisition_seconds: of its frames; cpu_seconds: of decoding and solving one capture, a minimum;
-    predicted, simulated: rms height error, mm (predicted: NaN with lag and for a user's decoder); spread:
-    standard deviation of the simulated one over the seeds, mm; ratio: rms(error / sigma); share: of pixels
-    with a height, simulated, else predicted; predicted_spread: relative standard error of predicted by the
-    finite number of noise draws; failure: predicted share of pixels with an unflagged wrong order or bit;
-    why: reason of exclusion ('': none).
+    acquisition_seconds: of its frames; cpu_seconds: of decoding by a profile and solving one capture, median,
+    and cpu_spread, half the range over the seeds; predicted, simulated: rms height error, mm (predicted: NaN
+    with lag and for a user's decoder); spread: standard deviation of the simulated one over the seeds, mm;
+    ratio: rms(error / sigma); share: of pixels with a height, simulated, else predicted; predicted_spread:
+    relative standard error of predicted by the finite number of noise draws; failure: predicted share of
+    pixels with an unflagged wrong order or bit; why: reason of exclusion ('': none).
     """
 
     code: str
@@ -56,6 +56,7 @@ class Tradeoff:
     share: float = math.nan
     predicted_spread: float = math.nan
     failure: float = math.nan
+    cpu_spread: float = math.nan
     why: str = ""
 
     @property
@@ -129,6 +130,7 @@ def simulated(lever: Lever, row: Tradeoff, code: Candidate, seeds: Many[int], re
     return replace(
         row,
         cpu_seconds=found.seconds,
+        cpu_spread=found.seconds_spread,
         simulated=found.error,
         spread=found.spread,
         ratio=found.ratio,

@@ -10,7 +10,7 @@
 """
 
 from .demo import DemoResult, compile_heights, run_demo
-from .faults import Faults, frames_of
+from .faults import Faults, levels_of, with_noise
 from .measurement import Measurement, Study
 from .metrics import height_metrics, rms, sigma_ratio, unflagged
 from .sets import SAMPLES, write_sample
@@ -18,6 +18,6 @@ from .user_patterns import UserDecoder, UserImages, user_decoder, user_sequence
 
 __all__ = [
     "SAMPLES", "DemoResult", "Faults", "Measurement", "Study", "UserDecoder", "UserImages",
-    "compile_heights", "frames_of", "height_metrics", "rms", "run_demo", "sigma_ratio", "unflagged",
-    "user_decoder", "user_sequence", "write_sample",
+    "compile_heights", "height_metrics", "levels_of", "rms", "run_demo", "sigma_ratio", "unflagged",
+    "user_decoder", "user_sequence", "with_noise", "write_sample",
 ]  # fmt: skip

@@ -15,7 +15,7 @@ from optolever.scene import Display, Scene, Sensor, Surface, Trace
 
 from .user_patterns import UserImages
 
-__all__ = ["Faults", "frames_of"]
+__all__ = ["Faults", "levels_of", "with_noise"]
 
 Levels = NDArray[np.float32]
 
@@ -46,28 +46,19 @@ class Faults:
         return scene
 
 
-def frames_of(
-    scene: Scene,
-    surface: Surface,
-    truth: Trace,
-    pattern: Sequence | UserImages,
-    lag: float,
-    noise: float,
-    seed: int,
-    renderer: str,
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Frames (N, H, W) of a mirror with noise (8-bit levels), of a display with lag."""
-    sensor = scene.sensor or NOMINAL_SENSOR
-    quiet = replace(scene, sensor=replace(sensor, gain_e=0.0, noise=0.0))
+def levels_of(
+    scene: Scene, surface: Surface, truth: Trace, pattern: Sequence | UserImages, lag: float, renderer: str
+) -> Levels:
+    """Levels (N, H, W), 0 to 255, of a mirror without noise, of a display with lag."""
+    quiet = replace(scene, sensor=replace(scene.sensor or NOMINAL_SENSOR, gain_e=0.0, noise=0.0))
     if isinstance(pattern, UserImages):
         levels = _image_levels(quiet, surface, truth, pattern, renderer)
-    elif not lag:
-        return capture(scene, surface, pattern, renderer=renderer, noise=noise, seed=seed).frames
     else:
         levels = _captured_levels(quiet, surface, pattern, renderer)
-    for before, after in zip(levels[:-1].copy(), levels[1:], strict=True):
-        after += np.float32(lag) * (before - after)
-    return _with_noise(levels, sensor, noise, seed)
+    if lag:
+        for before, after in zip(levels[:-1].copy(), levels[1:], strict=True):
+            after += np.float32(lag) * (before - after)
+    return levels
 
 
 def _captured_levels(scene: Scene, surface: Surface, pattern: Sequence, renderer: str) -> Levels:
@@ -92,11 +83,15 @@ def _image_levels(scene: Scene, surface: Surface, truth: Trace, pattern: UserIma
     return levels
 
 
-def _with_noise(levels: Levels, sensor: Sensor, noise: float, seed: int) -> NDArray[np.uint8]:
-    """8-bit frames of levels 0 to 255 with the sensor's noise and white noise (rms, levels)."""
-    rng, gain = np.random.default_rng([seed, 7]), sensor.gain_e
-    if gain > 0:
-        light = np.maximum(levels - np.float32(sensor.offset), 0)
-        levels = np.float32(sensor.offset) + (rng.poisson(gain * light) / gain).astype(np.float32)
-    drawn = np.float32(np.hypot(noise, sensor.noise)) * rng.standard_normal(levels.shape, np.float32)
-    return np.asarray(np.clip(np.round(levels + drawn), 0, 255), np.uint8)
+def with_noise(levels: Levels, sensor: Sensor, noise: float, seed: int) -> NDArray[np.uint8]:
+    """8-bit frames of levels 0 to 255 with the sensor's photon noise, as normal as that of 30 electrons and
+    more is, and white noise (rms, levels)."""
+    rng, frames = np.random.default_rng([seed, 7]), np.empty(levels.shape, np.uint8)
+    for level, frame in zip(levels, frames, strict=True):
+        light = np.maximum(level - np.float32(sensor.offset), 0)
+        variance = (
+            (light / np.float32(sensor.gain_e) if sensor.gain_e > 0 else 0) + noise**2 + sensor.noise**2
+        )
+        drawn = rng.standard_normal(level.shape, np.float32) * np.sqrt(variance, dtype=np.float32)
+        frame[:] = np.clip(np.round(level + drawn), 0, 255)
+    return frames

@@ -27,7 +27,10 @@ DECODE = Opt(
 )
 RECONSTRUCT = Opt("--reconstruct", "The reconstructor's time beside that of cosine transforms, instead.")
 PAGE = Opt(
-    "--page", "Write docs/benchmarks.md and its chart instead: some of all of these, in a few minutes."
+    "--page PART",
+    "Measure a part of docs/benchmarks.md and write it there, instead: codes (and charts), decode, heights, "
+    "live, batch. Repeatable.",
+    click.Choice(["codes", "decode", "heights", "live", "batch"]),
 )
 
 
@@ -36,7 +39,7 @@ def command(
     seeds: Annotated[int, Opt("--seeds N", "Runs of the mean over seeds.", click.IntRange(1))] = 30,
     only_decode: Annotated[bool, DECODE] = False,
     only_reconstruct: Annotated[bool, RECONSTRUCT] = False,
-    page: Annotated[bool, PAGE] = False,
+    page: Annotated[tuple[str, ...], PAGE] = (),
     size: Size = None,
     json_path: Json = None,
 ) -> None:
@@ -55,7 +58,7 @@ def command(
         from ..figures.page import write_page
 
         with progress() as step:
-            path = write_page(ROOT / "docs", step)
+            path = write_page(ROOT / "docs", page, step)
         click.echo(f"Written: {path}")
         return
     if only_decode and only_reconstruct:

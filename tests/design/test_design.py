@@ -18,6 +18,7 @@ from optolever.design import (
     Candidate,
     Lever,
     Tradeoff,
+    condition_panels,
     predict,
     sensor_maps,
     user_candidate,
@@ -181,13 +182,15 @@ def test_marks_of_the_chart_are_numbered_and_named_below(tmp_path: Path, monkeyp
         rows.append(
             Tradeoff(code, noise, 0.0, None, None, None, 24, seconds, cpu, math.nan, 1e-4 * error, 5e-6, 1.0)
         )
-    write_tradeoff_chart(tmp_path / "chart.png", rows)
+    panels, own = condition_panels(rows), {codes[-1]: "A"}
+    write_tradeoff_chart(tmp_path / "chart.png", panels, names=own)
     (figure,) = drawn
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):
-        write_tradeoff_chart(tmp_path / "again.png", rows)
+        write_tradeoff_chart(tmp_path / "again.png", panels, names=own)
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "chart.png").read_bytes()
     names = dict(line.split(maxsplit=1) for line in figure.texts[-1].get_text().splitlines())
     assert list(names.values()) == codes
+    assert [one for one in names if names[one] == codes[-1]] == ["A"]
     for k, panel in enumerate(figure.axes[:4]):
         at = {names[text.get_text()]: text.xy[0] for text in panel.texts}
         field = ("acquisition_seconds", "cpu_seconds")[k % 2 == 0]
