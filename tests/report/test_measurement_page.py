@@ -263,7 +263,7 @@ def test_a_page_prints_whole_and_light(mirror: Page, demo_page: Page, tmp_path: 
             browser.wait(f"{INK} === '{dark}'")
             browser.value("document.querySelectorAll('details').forEach((one) => (one.open = true))")
             browser.look(390, False)
-            browser.wait(f"{CUT}.every((one) => /scroll|TABLE/.test(one))")
+            browser.wait(f"{CUT}.every((one) => /scroll|TABLE|PRE/.test(one))")
             browser.look(718, False)  # A4 less margins of 1 cm
             browser.call("Emulation.setEmulatedMedia", media="print")
             assert browser.value(CUT) == []
