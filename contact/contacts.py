@@ -16,7 +16,7 @@ from optolever.schema import built
 from .elastic import ElasticFit
 from .pressure import forces_on
 from .regions import Region, areas
-from .surface import Surface, filled
+from .surface import Surface, filled, spread
 
 __all__ = ["Contact", "contacts"]
 
@@ -27,8 +27,6 @@ _FEWEST = 12  # cells of a fit of the radius
 _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
 _DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
-_DEGREE = 4  # of the polynomial that gives a cell's row and column from x and y
-_CELLS = 1000  # that it is fitted to
 _ROUGH, _UNSEEN = 0.02, 0.12  # of a fit's depth: least sigma, of one that is not measured
 _ROUND = 0.6  # power of a pressure: below, a ball's or a flat punch's
 
@@ -40,12 +38,13 @@ class Contact:
     x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
     cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
     the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
-    cells end the region, area and volume are lower bounds; hole: cells that are not measured are inside, or
-    end it at its deepest cell. indenter_radius: of the surface inside, inf: flat within three sigma, None: of
-    too few cells. force (N), force_sigma, pressure (the largest, N/mm^2; of a cut one too high): where the
-    elastic layer is known. row, col: the deepest cell. depth_at_least, force_at_least: a lower bound: part of
-    the contact is not measured, and the field around it does not follow an elastic layer, or not as far.
-    layer_thickness, mm: of the bonded layer that makes the field around, where none is given.
+    cells end the region; hole: cells that are not measured are inside, or beside its deepest cell.
+    indenter_radius: of the surface inside, inf: flat within three sigma, None: of too few cells. force (N),
+    force_sigma, pressure (the largest, of a flat punch in the middle, N/mm^2): where the elastic layer is
+    known. row, col: the deepest cell. depth_at_least, force_at_least: lower bounds, the other one with area
+    and volume: part of the contact is not measured, and the field around it does not follow an elastic
+    layer, or not as far. layer_thickness, mm: of the bonded layer that makes the field around, where none is
+    given.
     """
 
     x: float
@@ -79,9 +78,7 @@ class Contact:
 
     def __str__(self) -> str:
         """With units and standard deviations, to their second digit."""
-        cut, deep, forced = (
-            "at least " if bound else "" for bound in (self.cut, self.depth_at_least, self.force_at_least)
-        )
+        deep, cut = ("at least " if bound else "" for bound in (self.depth_at_least, self.force_at_least))
 
         def give(name: str, unit: str) -> str:
             return quantity(getattr(self, name), unit, getattr(self, f"{name}_sigma"))
@@ -97,8 +94,8 @@ class Contact:
             flat = math.isinf(self.indenter_radius)
             parts.append("flat" if flat else f"radius {give('indenter_radius', 'mm')}")
         if self.force is not None:
-            parts.append(f"force {forced}{quantity(self.force, 'N', self.force_sigma or math.nan)}")
-        if self.pressure is not None and not self.cut:  # a cut is a cliff
+            parts.append(f"force {cut}{quantity(self.force, 'N', self.force_sigma or math.nan)}")
+        if self.pressure is not None and not self.force_at_least:  # a cut is a cliff
             parts.append(f"at most {quantity(self.pressure, 'N/mm²')}")
         if self.layer_thickness is not None:
             parts.append(f"as if on a layer of {give('layer_thickness', 'mm')}: give [layer] thickness_mm")
@@ -118,8 +115,7 @@ class Contact:
 class _Dent(NamedTuple):
     """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
     region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
-    modes (m, r, c); known: cells whose height is known; peak: the deepest cell in the box; pitch: side of a
-    cell."""
+    modes (m, r, c); measured: cells that are; peak: the deepest cell in the box."""
 
     x: Floats
     y: Floats
@@ -133,9 +129,8 @@ class _Dent(NamedTuple):
     modes: Floats
     inside: Mask
     holes: Mask
-    known: Mask
+    measured: Mask
     peak: tuple[int, int]
-    pitch: float
 
 
 def contacts(
@@ -150,81 +145,85 @@ def contacts(
     if not regions:
         return ()
     z, known, holes = filled(surface.z, surface.good)
-    found: Sequence[Contact] = [_contact(surface, region, z, known, holes) for region in regions]
+    fits = fits or [None] * len(regions)
+    pairs = list(zip(regions, fits, strict=True))
+    found: Sequence[Contact] = [_contact(surface, *pair, z, known, holes) for pair in pairs]
     if layer is not None:
-        found = _pressed(surface, z, regions, found, layer)
-    every = zip(found, regions, fits or [None] * len(regions), strict=True)
-    found = [_by_fit(one, fit, layer, region.hole) for one, region, fit in every]
+        if None in fits:
+            found = _pressed(surface, z, regions, found, layer)
+        found = [_forced(one, fit, layer) for one, fit in zip(found, fits, strict=True)]
     return tuple(sorted(found, key=lambda one: one.depth < _SURE * one.depth_sigma))
 
 
-def _by_fit(one: Contact, fit: ElasticFit | None, layer: Layer | None, dark: bool) -> Contact:
-    """With the force of the fit, and its depth where the deepest cell is not measured or the contact is a
-    ball's or a flat punch's, whose deepest cells lie on its rim; dark: cells inside are not measured."""
+def _forced(one: Contact, fit: ElasticFit | None, layer: Layer) -> Contact:
+    """With the force of the fit."""
     if fit is None:
         return one
-    _, _, _, depth, load, power = fit.values.tolist()
-    sigma = norm(fit.sigmas[3], (_ROUGH if fit.whole and not dark else _UNSEEN) * depth)
-    if (one.depth_at_least or (fit.whole and power < _ROUND)) and sigma < one.depth_sigma:
-        one = replace(one, depth=depth, depth_sigma=sigma, depth_at_least=one.depth_at_least and fit.bound)
-    one = replace(one, force_at_least=False)
-    if layer is not None:
-        sigma = norm(layer.plane_modulus * fit.sigmas[4], layer.plane_modulus * load * layer.relative_sigma)
-        one = replace(one, force=layer.plane_modulus * load, force_sigma=sigma)
-    return replace(one, layer_thickness=fit.thickness, layer_thickness_sigma=fit.thickness_sigma)
+    modulus, load = layer.plane_modulus, float(fit.values[4])
+    sigma = modulus * norm(fit.sigmas[4], load * layer.relative_sigma)
+    return replace(one, force=modulus * load, force_sigma=sigma, pressure=modulus * fit.pressure)
 
 
-def _contact(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) -> Contact:
+def _contact(
+    surface: Surface, region: Region, fit: ElasticFit | None, z: Map, known: Mask, holes: Mask
+) -> Contact:
     dent = _dent(surface, region, z, known, holes)
     weight = dent.share * dent.cell
-    area, volume = float(weight.sum()), float((weight * dent.z).sum())
-    lacking = _hidden(dent, weight) if region.cut else 0.0
-    reach = math.sqrt((area + lacking) / math.pi)
-    row, col = dent.peak
-    beside = dent.known[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
-    ended = beside.size < 9 or not bool(beside.all())
-    depth, noise, tip, beyond = _depth(dent, reach if ended else 0.0)
-    x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
-    arms = np.stack([dent.x - x, dent.y - y]) / area
+    depth, noise, tip, ended = _depth(dent)
+    at_least, (radius, radius_sigma) = ended, _indenter(dent, depth)
     moved = np.zeros((0, 2, 3)) if surface.displacement is None else surface.displacement
     count = max(len(moved), len(dent.modes))
     modes, shift = np.zeros((count, *dent.z.shape)), np.zeros((count, 2, 3))
     modes[: len(dent.modes)], shift[: len(moved)] = dent.modes, moved
+    own, depth_noise = float(np.linalg.norm(modes[:, *dent.peak])), norm(noise, tip)
+    if fit is None or not (region.cut or ended):
+        area, volume = float(weight.sum()), float((weight * dent.z).sum())
+        x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
+        arms, reach = np.stack([dent.x - x, dent.y - y]) / area, math.sqrt(area / math.pi)
+        area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
+        grown = (modes - _HALF * modes[:, *dent.peak, None, None]) * dent.growth
+        doubt = _doubtful(dent)
+        # half of a higher tip lies farther inside
+        inward = _HALF * (tip + depth - float(dent.z[dent.peak])) * float(dent.growth.sum())
+        area_noise = norm(area_noise, doubt, inward)
+        volume_noise = norm(volume_noise, doubt * volume / area, _HALF * depth * inward)
+        place_noise = norm(place_noise, reach * (doubt / area + region.cut))
+        by_area = grown.sum(axis=(1, 2))
+        by_volume = (modes * weight).sum(axis=(1, 2)) + _HALF * depth * by_area
+        by_place = np.einsum("krc,arc->ka", grown, arms)
+    else:
+        x, y, area, volume = (fit.values[[0, 1, 6, 7]] - (region.x, region.y, 0, 0)).tolist()
+        area_noise, volume_noise = (norm(fit.sigmas[k], _ROUGH * fit.values[k]) for k in (6, 7))
+        place_noise = norm(*fit.sigmas[:2]) / math.sqrt(2)
+        by_area, by_volume, by_place = np.zeros(count), np.zeros(count), np.zeros((count, 2))
     stretch = shift[:, 0, 1] + shift[:, 1, 2]
-    grown = (modes - _HALF * modes[:, *dent.peak, None, None]) * dent.growth
-    by_area = stretch * area + grown.sum(axis=(1, 2))
-    by_volume = stretch * volume + (modes * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2))
-    at = np.array([1.0, region.x + x, region.y + y])
-    by_place = shift @ at + np.einsum("krc,arc->ka", grown, arms)
-    area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
-    doubt = _doubtful(dent)
-    higher = tip + depth - float(dent.z[dent.peak])
-    inward = _HALF * higher * float(dent.growth.sum())  # half of a higher tip lies farther inside
-    radius, radius_sigma = _indenter(dent, depth)
-    own = float(np.linalg.norm(modes[:, *dent.peak]))
+    by_place += shift @ np.array([1.0, region.x + x, region.y + y])
+    if fit is not None:
+        sigma = norm(fit.sigmas[3], (_ROUGH if fit.whole and not region.hole else _UNSEEN) * fit.values[3])
+        # of a ball and a flat punch the deepest cells lie on the rim
+        if at_least or (fit.whole and fit.values[5] < _ROUND and sigma < norm(depth_noise, own)):
+            depth, depth_noise, own, at_least = float(fit.values[3]), sigma, 0.0, at_least and fit.bound
     return Contact(
         x=region.x + x,
         y=region.y + y,
-        position_sigma=norm(
-            place_noise, np.linalg.norm(by_place) / math.sqrt(2), (lacking + doubt) / (area + lacking) * reach
-        ),
+        position_sigma=norm(place_noise, np.linalg.norm(by_place) / math.sqrt(2)),
         depth=depth,
-        depth_sigma=norm(noise, tip, beyond, own),
-        depth_noise=norm(noise, tip, beyond),
+        depth_sigma=norm(depth_noise, own),
+        depth_noise=depth_noise,
         area=area,
-        area_sigma=norm(area_noise, *by_area, lacking, doubt, inward),
+        area_sigma=norm(area_noise, *(by_area + stretch * area)),
         volume=volume,
-        volume_sigma=norm(
-            volume_noise, *by_volume, (lacking + doubt) * volume / area, _HALF * depth * inward
-        ),
+        volume_sigma=norm(volume_noise, *(by_volume + stretch * volume)),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
         hole=region.hole or ended,
         row=region.row,
         col=region.col,
-        depth_at_least=beyond > 0,
-        force_at_least=region.cut,
+        depth_at_least=at_least,
+        force_at_least=region.cut and fit is None,
+        layer_thickness=None if fit is None else fit.thickness,
+        layer_thickness_sigma=None if fit is None else fit.thickness_sigma,
     )
 
 
@@ -247,31 +246,13 @@ def _dent(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) ->
     if surface.draws is not None:
         draws = np.asarray(surface.draws[:, *box], np.float64)
         draws *= sigma[peak] / max(rms(draws[:, *peak]), 1e-300) if np.isfinite(sigma[peak]) else 1.0
-    modes = np.zeros((0, *heights.shape))
-    if surface.modes is not None and len(surface.modes):
-        modes = _modes(surface, box)
+    places = [np.arange(part.start, part.stop) for part in box]
+    modes = np.reshape([spread(one, surface.step, *places) for one in surface.common], (-1, *heights.shape))
     finite = np.isfinite(sigma)
     sigma = np.where(finite, sigma, np.median(sigma[finite]) if finite.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
-    measured = x, y, heights, sigma, cell
-    return _Dent(
-        *measured, share, growth, slope, draws, modes, region.inside, holes[box], known[box], peak, pitch
-    )
-
-
-def _modes(surface: Surface, box: tuple[slice, slice]) -> Floats:
-    """The modes (m, r, c) in a box, linear between."""
-    assert surface.modes is not None
-    if surface.step == 1:
-        return np.asarray(surface.modes[:, *box], np.float64)
-    at = [
-        np.minimum(np.arange(part.start, part.stop) / surface.step, size - 1)
-        for part, size in zip(box, surface.modes.shape[1:], strict=True)
-    ]
-    places = np.meshgrid(*at, indexing="ij")
-    return np.stack(
-        [scipy.ndimage.map_coordinates(np.asarray(one, np.float64), places, order=1) for one in surface.modes]
-    )
+    maps = x, y, heights, sigma, cell, share, growth, slope
+    return _Dent(*maps, draws, modes, region.inside, holes[box], (known & ~holes)[box], peak)
 
 
 def _steepness(z: Floats, x: Floats, y: Floats) -> Floats:
@@ -283,52 +264,20 @@ def _steepness(z: Floats, x: Floats, y: Floats) -> Floats:
     return np.asarray(np.nan_to_num(np.hypot(by_x, by_y), posinf=0.0))
 
 
-def _depth(dent: _Dent, reach: float) -> tuple[float, float, float, float]:
-    """Depth; its noise; its standard deviations by what lies between cells, and in holes or, as far as reach,
-    beyond unknown cells or the map's end at the deepest cell."""
-    row, col = dent.peak
-    depth, noise = float(dent.z[dent.peak]), float(dent.sigma[dent.peak])
-    tip_rise, tip = 0.0, 0.0
-    for before, after in (((row - 1, col), (row + 1, col)), ((row, col - 1), (row, col + 1))):
-        beside = (before, after)
-        if all(0 <= r < dent.z.shape[0] and 0 <= c < dent.z.shape[1] and dent.known[r, c] for r, c in beside):
-            low, high = depth - float(dent.z[before]), depth - float(dent.z[after])
-            if min(low, high) > 0:  # the parabola through three cells; a cone ends higher by so much, rms
-                tip_rise += (high - low) ** 2 / (8 * (low + high))
-                tip = max(tip, 0.25 * (low + high))
-    hole = _hole_at(dent)
-    beyond = reach * _outward(dent) if reach else 0.0
-    if hole.any():  # at most a cone that continues the slope toward it
-        clear = dent.known & ~dent.holes
-        first, _, third = rings = [scipy.ndimage.binary_dilation(hole, np.ones((3, 3)), n) for n in (1, 2, 3)]
-        rim, away = first & clear, third & ~rings[1] & clear
-        width = 2 * float(scipy.ndimage.distance_transform_edt(np.pad(hole, 1)).max()) * dent.pitch
-        reach = min(math.sqrt(float(dent.cell[hole].sum()) / math.pi), width) + dent.pitch / 2
-        rise = float(dent.z[rim].mean() - dent.z[away].mean()) / 2 if away.any() else float(dent.z[rim].max())
-        top = float(dent.z[rim].max()) + max(rise, 0.0) * reach / dent.pitch
-        beyond = max(top - depth, beyond)
-    return depth + tip_rise, noise, tip, beyond
-
-
-def _hole_at(dent: _Dent) -> Mask:
-    """The holes at the deepest cell, beside it or nearly as deep."""
-    labels, _ = scipy.ndimage.label(dent.holes, np.ones((3, 3)))
-    row, col = dent.peak
-    near = labels[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2]
-    deep = labels[dent.inside & dent.holes & (dent.z > _INNER * dent.z[dent.peak])]
-    return np.isin(labels, np.union1d(near[near > 0], deep))
-
-
-def _outward(dent: _Dent) -> float:
-    """Rise at the deepest cell toward the map's end or unknown cells, over three cells, with its noise."""
-    (row, col), found = dent.peak, 0.0
-    known, noise = np.pad(dent.known, 3), math.sqrt(2) * float(dent.sigma[dent.peak])
-    for down, along in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        r, c = row - 3 * down, col - 3 * along
-        if not known[row + 3 + down, col + 3 + along] and known[r + 3, c + 3]:
-            length = math.hypot(dent.x[dent.peak] - dent.x[r, c], dent.y[dent.peak] - dent.y[r, c])
-            found = max(found, (float(dent.z[dent.peak] - dent.z[r, c]) + noise) / max(length, 1e-12))
-    return found
+def _depth(dent: _Dent) -> tuple[float, float, float, bool]:
+    """Depth; its noise; its standard deviation by what lies between cells; whether deeper ones may not be
+    measured."""
+    (row, col), depth = dent.peak, float(dent.z[dent.peak])
+    beside = np.s_[row : row + 3, col : col + 3]
+    near, seen = np.pad(dent.z, 1)[beside], np.pad(dent.measured, 1)[beside]
+    before, after = ([0, 1], [1, 0]), ([2, 1], [1, 2])
+    low, high = depth - near[before], depth - near[after]
+    # the parabola through three cells; a cone ends higher by so much, rms
+    between = seen[before] & seen[after] & (np.minimum(low, high) > 0)
+    low, high = low[between], high[between]
+    rise, tip = np.sum((high - low) ** 2 / (8 * (low + high))), np.max(0.25 * (low + high), initial=0.0)
+    hidden = not seen.all() or (dent.inside & ~dent.measured & (dent.z > _INNER * depth)).any()
+    return depth + float(rise), float(dent.sigma[dent.peak]), float(tip), bool(hidden)
 
 
 def _doubtful(dent: _Dent) -> float:
@@ -373,17 +322,11 @@ def _noises(
     )
 
 
-def _hidden(dent: _Dent, weight: Floats) -> float:
-    """Area (mm^2) that a region which is cut lacks of the circle about the deepest cell that holds it."""
-    away = np.square(dent.x - dent.x[dent.peak]) + np.square(dent.y - dent.y[dent.peak])
-    circle = math.pi * float(away[dent.share > 0.5].max(initial=0.0))
-    return max(circle - float(weight.sum()), dent.pitch * math.sqrt(float(weight.sum())))
-
-
 def _indenter(dent: _Dent, depth: float) -> tuple[float | None, float | None]:
     """Radius of the surface inside, from z = a + b x + c y - k (x^2 + y^2) / 2, R = 1 / k, and its sigma: by
     noise, by modes and by what cells nearer to the middle say."""
-    wide, narrow = (_curvature(dent, dent.inside & (dent.z > share * depth)) for share in (_HALF, _INNER))
+    inside = dent.inside & dent.measured
+    wide, narrow = (_curvature(dent, inside & (dent.z > share * depth)) for share in (_HALF, _INNER))
     if wide is None or narrow is None:
         return None, None
     k, weights, used = wide
@@ -443,21 +386,13 @@ class _Means:
     """Means of maps in squares around places on the mirror."""
 
     def __init__(self, surface: Surface) -> None:
-        every = max(1, round(math.sqrt(surface.z.size / _CELLS)))
-        few = slice(None, None, every), slice(None, None, every)
-        x, y = (np.asarray(part[few], np.float64) for part in (surface.x, surface.y))
-        known = np.isfinite(x + y)
-        self._middle = np.array([x[known].mean(), y[known].mean()])
-        self._extent = float(max(np.ptp(x[known]), np.ptp(y[known]), 1e-6))
-        basis = self._basis(x[known], y[known])
-        index = every * np.stack(np.nonzero(known), axis=-1).astype(np.float64)
-        self._ways = np.linalg.lstsq(basis, index, rcond=None)[0]
-        self._pitch = math.sqrt(float(np.median(areas(x, y)))) / every
+        self._index = surface.index()
+        self._pitch = math.sqrt(float(np.median(areas(surface.x, surface.y))))
 
     def __call__(self, maps: Map, places: Floats, pitch: float, step: int = 1) -> Floats:
         """Of maps (m, r, c) on every step-th cell, in squares of a pitch around places (n, 2): (m, n), linear
         between cells."""
-        at = (self._basis(*places.T) @ self._ways).T / step
+        at = self._index(places) / step
         side = max(1, round(pitch / self._pitch))
         low = np.clip(np.floor(at.min(axis=1)).astype(np.int64) - side, 0, np.array(maps.shape[1:]) - 1)
         last = np.ceil(at.max(axis=1)).astype(np.int64) + side + 2
@@ -471,8 +406,3 @@ class _Means:
         above = (1 - along) * near[:, r, c] + along * near[:, r, beside]
         under = (1 - along) * near[:, below, c] + along * near[:, below, beside]
         return np.asarray((1 - down) * above + down * under)
-
-    def _basis(self, x: Floats, y: Floats) -> Floats:
-        a, b = (x - self._middle[0]) / self._extent, (y - self._middle[1]) / self._extent
-        powers = [a**i * b**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-        return np.stack(powers, axis=-1)

@@ -19,7 +19,7 @@ found.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -43,10 +43,11 @@ _POWER, _POWERS = (0.5, 0.8), (-0.5, 2.0)  # m: mean and sigma; least and most
 _PLACE, _CUT, _SIZE = 0.5, 1.0, 0.4  # sigmas: of a place, radii, of a cut contact's; of log a
 _FREE = 1e3  # sigma of a force over E*, mm^2
 _THICK, _THICKEST = 2.0, 4.0  # log of h over the largest radius: start; sigma about it
-_STEP, _ROUNDS, _LEAP = 1e-4, 25, 0.3
+_STEP, _ROUNDS, _LEAP = 1e-4, 25, 0.3  # relative: of differences, and where they end
 _ROUGH = 0.03  # of the depth: misfit inside that the whole fit allows for
 _REFUSED = (0.03, 8.0, 0.005)  # misfit over the depth; in noises and over the depth
 _FOLLOWS, _APART = 0.007, 1.7  # of the depth: misfit of a whole fit; sigmas between both forces
+_AROUND, _FINE = 1.6, 33  # radii: half of the depth lies inside; cells of its area, a side
 _SHARES = 0.5, 0.3  # of the difference of both forces in the sigma of the whole fit's, of the flank's
 _FORCE, _THIN = 0.002, 0.09  # least relative sigma of a force; of one on a layer, times (a / h)^4
 
@@ -55,15 +56,17 @@ _FORCE, _THIN = 0.002, 0.09  # least relative sigma of a force; of one on a laye
 class ElasticFit:
     """One contact by the field around it.
 
-    values, sigmas (6,): x, y, radius a of the pressure and depth (mm), force over E* (mm^2), power m of the
-    pressure, and their standard deviations by noise, modes and what such pressures leave out; whole: the
+    values, sigmas (8,): x, y, radius a of the pressure and depth (mm), force over E* (mm^2), power m of the
+    pressure, area (mm^2) and volume (mm^3) of what is deeper than half the depth, and their standard
+    deviations by noise, modes and what such pressures leave out; pressure: in the middle, over E*; whole: the
     inside follows the same pressure; bound: the depth is a lower bound: m is at its limit, or the deepest
-    place lies outside the map; misfit: rms residual over noise; left: what of it exceeds noise, over the
-    depth; thickness, thickness_sigma: of the bonded layer that was looked for, mm (None: it was given, or a
-    half-space is)."""
+    place lies outside the map; misfit: rms residual over noise of the cells next to the contact; left: what
+    of it exceeds noise, over the depth; thickness, thickness_sigma: of the bonded layer that was looked for,
+    mm (None: it was given, or a half-space is)."""
 
     values: Floats
     sigmas: Floats
+    pressure: float
     whole: bool
     bound: bool
     misfit: float
@@ -73,13 +76,14 @@ class ElasticFit:
 
 
 class _Cells(NamedTuple):
-    """Cells (n,) of a fit: place, height, root of the weight; rig, own (m, n): modes of the rig's errors and
-    of its motion; noise: rms, mm."""
+    """Cells (n,) of a fit: place, height, root of the weight, nearest contact; rig, own (m, n): modes of the
+    rig's errors and of its motion; noise: rms, mm."""
 
     x: Floats
     y: Floats
     z: Floats
     root: Floats
+    nearest: Labels
     rig: Floats
     own: Floats
     noise: float
@@ -97,12 +101,12 @@ class _Discs(NamedTuple):
 
 class _Solved(NamedTuple):
     """Terms (t,): dx, dy, log a, m of each contact, F / (pi E*) of each disc, the modes, log h where it is
-    looked for; their covariance; misfit: rms residual over noise; excess: of it over noise, mm."""
+    looked for; their covariance; misfit (k,): rms residual over noise; excess (k,): of it over noise, mm."""
 
     terms: Floats
     covariance: Floats
-    misfit: float
-    excess: float
+    misfit: Floats
+    excess: Floats
 
 
 class _Base(NamedTuple):
@@ -130,32 +134,15 @@ def elastic_fits(
     for search in (False, True)[: 1 + (thin and thickness is None)]:
         # half a disc is as long as two: it is one, unless one does not make the field
         for single in (True, False)[0 if any(one.cut for one in regions) else 1 :]:
-            if None in found:
-                new = _compared(surface, regions, _discs(regions, single), base, resolution, search)
-                sure = [
-                    not search or (one is not None and one.whole and clear[k]) for k, one in enumerate(new)
-                ]
-                found = [old or (one if ok else None) for old, one, ok in zip(found, new, sure, strict=True)]
-    return found
-
-
-def _compared(
-    surface: Surface,
-    regions: Sequence[Region],
-    discs: _Discs,
-    base: _Base,
-    resolution: float,
-    search: bool,
-) -> list[ElasticFit | None]:
-    """The whole fit where it agrees with the flank's, else this; search: for the layer's thickness."""
-    near = max(_NEAR, _WIDER * resolution / float(discs.size.min())) if regions else _NEAR
-    flank = _fit(surface, regions, discs, base, resolution, search, near, 0.0)
-    whole = _fit(surface, regions, discs, base, resolution, search, 0.0, _ROUGH) if flank else None
-    found: list[ElasticFit | None] = []
-    for k, region in enumerate(regions):
-        one = flank[k] if flank else None
-        inside = whole[k] if whole else None
-        found.append(None if one is None else _chosen(one, inside, region.radius >= resolution))
+            if None not in found:
+                break
+            solve = partial(_fit, surface, regions, _discs(regions, single), base, resolution, search)
+            flank = solve(_NEAR, 0.0)
+            whole = solve(0.0, _ROUGH) if flank else None
+            for k, one in enumerate(flank or []):
+                new = _chosen(one, whole[k] if whole else None, regions[k].radius >= resolution)
+                if found[k] is None and (not search or (new is not None and new.whole and clear[k])):
+                    found[k] = new
     return found
 
 
@@ -197,9 +184,9 @@ def _fit(
     near: float,
     tolerance: float,
 ) -> list[ElasticFit] | None:
-    """To the cells outside so many radii; None of too few. tolerance: sigma over the depth of heights within
-    1.3 radii."""
-    cells = _cells(surface, discs, near, tolerance)
+    """To the cells outside so many radii, or as far outside of what the resolution blurs; None of too few.
+    tolerance: sigma over the depth of heights within 1.3 radii."""
+    cells = _cells(surface, discs, _WIDER * resolution / _NEAR, near, tolerance)
     if cells is None:
         return None
     count, first, own = len(regions), 4 * len(regions) + discs.x.size, len(cells.own)
@@ -218,11 +205,13 @@ def _fit(
     return [_figures(solved, discs, base, search, k, inside) for k in range(count)]
 
 
-def _cells(surface: Surface, discs: _Discs, near: float, tolerance: float) -> _Cells | None:
-    radius = discs.size[discs.owner]
-    away = np.full(surface.z.shape, np.inf)
-    for x, y, size in zip(discs.x, discs.y, radius, strict=True):
-        np.minimum(away, np.hypot(surface.x - x, surface.y - y) / size, out=away)
+def _cells(surface: Surface, discs: _Discs, least: float, near: float, tolerance: float) -> _Cells | None:
+    """least: radius of a disc, mm, that smaller ones are taken for."""
+    away, nearest = np.full(surface.z.shape, np.inf), np.zeros(surface.z.shape, np.int64)
+    for x, y, k in zip(discs.x, discs.y, discs.owner.tolist(), strict=True):
+        off = np.hypot(surface.x - x, surface.y - y) / max(discs.size[k], least)
+        nearest[off < away] = k
+        np.fmin(away, off, out=away)
     use = surface.good & np.isfinite(surface.z + surface.sigma) & (away > near) & (away < _REACH)
     every = max(1, round(math.sqrt(np.count_nonzero(use) / _MOST)))
     row, col = (every * part for part in np.nonzero(use[::every, ::every]))
@@ -231,30 +220,24 @@ def _cells(surface: Surface, discs: _Discs, near: float, tolerance: float) -> _C
     x, y, z, sigma = (
         np.asarray(part[row, col], np.float64) for part in (surface.x, surface.y, surface.z, surface.sigma)
     )
-    modes = np.zeros((0, row.size))
-    if surface.modes is not None and len(surface.modes):
-        ends = zip((row, col), surface.modes.shape[1:], strict=True)
-        coarse = [np.minimum(np.rint(at / surface.step).astype(int), size - 1) for at, size in ends]
-        modes = np.asarray(surface.modes[:, *coarse], np.float64)
+    ends = zip((row, col), surface.common.shape[1:], strict=True)
+    coarse = [np.minimum(np.rint(at / surface.step).astype(int), size - 1) for at, size in ends]
+    modes = np.asarray(surface.common[:, *coarse], np.float64)
     rig, own = np.split(modes, [len(modes) - surface.motions])
     noise = math.sqrt(float(np.mean(sigma**2)))
     deepest = max(float(np.max(surface.z, where=surface.good, initial=0.0)), noise)
     rough = np.where(away[row, col] < _NEAR, tolerance * deepest, 0.0)
-    return _Cells(x, y, z, 1 / np.sqrt(sigma**2 + noise**2 + rough**2), rig, own, noise)
+    root = 1 / np.sqrt(sigma**2 + noise**2 + rough**2)
+    return _Cells(x, y, z, root, nearest[row, col], rig, own, noise)
 
 
 def _inside(surface: Surface) -> Callable[[float, float], bool]:
-    """Whether a place lies in the box of the measured cells, whose row and column are linear in it."""
-    rows, cols = np.nonzero(surface.good & np.isfinite(surface.x + surface.y))
-    every = slice(None, None, max(1, rows.size // _MOST))
-    ones = np.ones(rows[every].size)
-    basis = np.stack([ones, surface.x[rows, cols][every], surface.y[rows, cols][every]], axis=1)
-    index = np.stack([rows[every], cols[every]], axis=1).astype(np.float64)
-    ways = np.linalg.lstsq(basis, index, rcond=None)[0]
-    low, high = index.min(axis=0) - 0.5, index.max(axis=0) + 0.5
+    """Whether a place lies in the box of the measured cells."""
+    index, measured = surface.index(), np.stack(np.nonzero(surface.good))
+    low, high = measured.min(axis=1) - 0.5, measured.max(axis=1) + 0.5
 
     def inside(x: float, y: float) -> bool:
-        at = np.array([1.0, x, y]) @ ways
+        at = index(np.array([[x, y]]))[:, 0]
         return bool(((at > low) & (at < high)).all())
 
     return inside
@@ -285,8 +268,10 @@ def _solved(
         if leap < _STEP:
             break
     by_rig = inverse @ (weighted * cells.root) @ cells.rig.T / unit**2
-    excess = math.sqrt(max(float(np.mean(rest**2)) - cells.noise**2, 0.0))
-    return _Solved(terms, inverse + by_rig @ by_rig.T, math.sqrt(2 * chi), excess)
+    parts = (np.bincount(cells.nearest, part, count) for part in (rest**2, np.square(rest * cells.root)))
+    excess, misfit = (part / np.maximum(np.bincount(cells.nearest, minlength=count), 1) for part in parts)
+    excess = np.sqrt(np.maximum(excess - cells.noise**2, 0.0))
+    return _Solved(terms, inverse + by_rig @ by_rig.T, np.sqrt(2 * misfit), excess)
 
 
 def _heights(
@@ -300,54 +285,36 @@ def _heights(
         dx, dy, grown, m = terms[4 * k : 4 * k + 4].tolist()
         right, up = x - discs.x[n] - dx, y - discs.y[n] - dy
         r, load = np.hypot(right, up), float(terms[contacts + n])
-        w, slope, by_size, by_power, by_thickness = _profile(r, discs.size[k] * math.exp(grown), m, base)
+        size, h = float(discs.size[k]) * math.exp(grown), base.thickness
+        w = _profile(r, size, m, base)
+        shapes = (r + _STEP * size, size, m), (r, size * (1 + _STEP), m), (r, size, m + _STEP)
+        slope, by_size, by_power = ((_profile(*shape, base) - w) / _STEP for shape in shapes)
         total += load * w
         by[contacts + n] = w
-        toward = -load * slope / np.maximum(r, 1e-9)
+        toward = -load / size * slope / np.maximum(r, 1e-9)
         by[4 * k : 4 * k + 4] += [toward * right, toward * up, load * by_size, load * by_power]
         if search:
-            by[-1] += load * by_thickness
+            by[-1] += load * (_profile(r, size, m, base._replace(thickness=h * (1 + _STEP))) - w) / _STEP
     return total, by
 
 
 def _profile(r: Floats, a: float, m: float, base: _Base) -> Floats:
-    """w pi E* / F (n,), mm^-1, at distances r, and its derivatives by r, log a, m and log h (5, n)."""
-    w, slope, by_power = _half_space(r / a, m)
-    out = np.stack([w / a, slope / a**2, -(w + r / a * slope) / a, by_power / a, np.zeros(r.size)])
-    h = base.thickness
+    """w pi E* / F (n,), mm^-1, at distances r."""
+    q, h, w = r / a, base.thickness, np.empty(r.size)
+    for where, table, u in zip((q < 1, q >= 1), _table(), (q, 1 / np.maximum(q, 1.0)), strict=True):
+        w[where] = table.ev(m, np.sqrt(np.maximum(1 - u[where], 1e-8))) / a
     if math.isfinite(h):
         at = np.clip(r / h, 0.02, BONDED)
-        b, b1, b2, b3 = (bonded(base.poisson)(at, order) for order in range(4))
-        size = (a / h) ** 2 / (4 * (m + 2))
-        bend, bends = b2 + b1 / at, b3 + b2 / at - b1 / at**2
-        added, slope = b + size * bend, b1 + size * bends
-        parts = [
-            added,
-            slope / h,
-            2 * size * bend,
-            -size / (m + 2) * bend,
-            -added - at * slope - 2 * size * bend,
-        ]
-        none = np.stack([-1 / np.maximum(r, a), np.maximum(r, a) ** -2.0, *np.zeros((3, r.size))])
-        out += np.where(at < BONDED, np.stack(parts) / h, none)
-    return out
-
-
-def _half_space(q: Floats, m: float) -> tuple[Floats, Floats, Floats]:
-    """w pi E* a / F at distances q (radii), and its derivatives by q and m."""
-    out, far = np.empty((3, q.size)), q >= 1
-    for where, table, u in ((~far, _table()[0], q[~far]), (far, _table()[1], 1 / q[far])):
-        t = np.sqrt(np.maximum(1 - u, 1e-8))
-        by_u = table.ev(m, t, dy=1) / (-2 * t)
-        out[:, where] = table.ev(m, t), by_u, table.ev(m, t, dx=1)
-    out[1, far] *= -(q[far] ** -2.0)
-    return out[0], out[1], out[2]
+        b, slope, bend = (bonded(base.poisson)(at, order) for order in range(3))
+        added = (b + (a / h) ** 2 / (4 * (m + 2)) * (bend + slope / at)) / h
+        w += np.where(at < BONDED, added, -1 / np.maximum(r, a))
+    return w
 
 
 @lru_cache(maxsize=1)
 def _table() -> "tuple[scipy.interpolate.RectBivariateSpline, ...]":
     """w pi E* a / F inside and outside by m and by sqrt(1 - u), u = q and 1 / q: smooth at the disc's end."""
-    m, t = np.linspace(*_POWERS, 51)[:, None], np.linspace(0.0, 1.0, 129)
+    m, t = np.linspace(_POWERS[0], _POWERS[1] + 0.05, 52)[:, None], np.linspace(0.0, 1.0, 129)
     u = 1 - t**2
     inside = (m + 1) * scipy.special.beta(0.5, m + 1) * scipy.special.hyp2f1(0.5, -0.5 - m, 1, u**2)
     outside = u * scipy.special.hyp2f1(0.5, 0.5, m + 2, u**2)
@@ -360,19 +327,30 @@ def _figures(
     terms, contacts = solved.terms, 4 * discs.size.size
     mine = np.flatnonzero(discs.owner == k)
     x, y = discs.x[mine] + terms[4 * k], discs.y[mine] + terms[4 * k + 1]
-    depths, by = _heights(discs, base, search, terms, x, y)
-    deepest, size = int(depths.argmax()), discs.size[k] * math.exp(terms[4 * k + 2])
-    turn = np.zeros((6, terms.size))
+    size, m = float(discs.size[k]) * math.exp(terms[4 * k + 2]), float(terms[4 * k + 3])
+    heights = partial(_heights, discs, base, search, terms)
+    depths, by = heights(x, y)
+    deepest = int(depths.argmax())
+    depth, turn = float(depths[deepest]), np.zeros((8, terms.size))
     turn[0, 4 * k] = turn[1, 4 * k + 1] = turn[5, 4 * k + 3] = 1.0
     turn[2, 4 * k + 2], turn[4, contacts + mine] = size, math.pi
     turn[3] = by[:, deepest]
     turn[3, 4 * k : 4 * k + 2] = 0.0  # the contact moves as one
-    load, m = math.pi * float(terms[contacts + mine].sum()), float(terms[4 * k + 3])
-    values = np.array([x.mean(), y.mean(), size, depths[deepest], load, m])
+    sides = [np.linspace(at.min() - _AROUND * size, at.max() + _AROUND * size, _FINE) for at in (x, y)]
+    z, by = heights(*(part.ravel() for part in np.meshgrid(*sides)))
+    cell = float(np.ptp(sides[0]) * np.ptp(sides[1])) / (_FINE - 1) ** 2
+    rise = np.maximum(np.hypot(*np.gradient(z.reshape(_FINE, _FINE))).ravel(), 1e-9 * depth)
+    share = np.clip(0.5 + (z - 0.5 * depth) / rise, 0.0, 1.0) * cell
+    turn[6] = (by - 0.5 * turn[3][:, None]) @ np.where((share > 0) & (share < cell), cell / rise, 0.0)
+    turn[7] = by @ share + 0.5 * depth * turn[6]
+    loads = terms[contacts + mine]
+    load, area, volume = math.pi * float(loads.sum()), float(share.sum()), float(z @ share)
+    values = np.array([x.mean(), y.mean(), size, depth, load, m, area, volume])
     sigmas = np.sqrt(np.einsum("it,ts,is->i", turn, solved.covariance, turn))
     h = math.exp(terms[-1]) if search else base.thickness
     sigmas[4] = norm(sigmas[4], (_FORCE + _THIN * (size / h) ** 4) * load)
     bound = m in _POWERS or not inside(float(x[deepest]), float(y[deepest]))
-    left = solved.excess / max(abs(float(values[3])), 1e-300)
+    left = float(solved.excess[k]) / max(abs(depth), 1e-300)
     more = (h, h * math.sqrt(solved.covariance[-1, -1])) if search else (None, None)
-    return ElasticFit(values, sigmas, False, bound, solved.misfit, left, *more)
+    pressure = (m + 1) * float(loads.max()) / size**2
+    return ElasticFit(values, sigmas, pressure, False, bound, float(solved.misfit[k]), left, *more)

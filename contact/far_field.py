@@ -185,9 +185,7 @@ def _cells(surface: Surface) -> _Cells:
     step = surface.step * max(1, round(math.sqrt(surface.z.size / _MOST) / surface.step))
     few, some = (slice(None, None, step),) * 2, (slice(None, None, step // surface.step),) * 2
     area = areas(surface.x, surface.y)[few]
-    modes = np.zeros((0, *area.shape))
-    if surface.modes is not None:
-        modes = np.asarray(surface.modes[:, *some], np.float64)
+    modes = np.asarray(surface.common[:, *some], np.float64)
     rig, motion = np.split(modes, [len(modes) - surface.motions])
     free = np.zeros(area.shape) if surface.free is None else np.asarray(surface.free[few], np.float64)
     known = surface.good[few] & np.isfinite(surface.z[few] + surface.x[few] + surface.y[few] + free)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,7 +14,9 @@ import scipy.sparse.linalg
 
 from optolever.arrays import Floats, Ints, Map, Mask
 
-__all__ = ["LoadFit", "Surface", "filled"]
+__all__ = ["LoadFit", "Surface", "filled", "spread"]
+
+_DEGREE, _CELLS = 4, 1000  # of the polynomials of `index`; cells that they are fitted to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,19 +64,41 @@ class Surface:
     anchors: Floats | None = None
 
     @property
+    def common(self) -> Map:
+        """The modes, of a surface without any none."""
+        few = slice(None, None, self.step)
+        return np.zeros((0, *self.z[few, few].shape)) if self.modes is None else self.modes
+
+    def index(self) -> Callable[[Floats], Floats]:
+        """Rows and columns (2, n) of places (n, 2), by polynomials of the measured cells' x and y."""
+        good = self.good & np.isfinite(self.x + self.y)
+        every = max(1, round(math.sqrt(np.count_nonzero(good) / _CELLS)))
+        row, col = (every * part for part in np.nonzero(good[::every, ::every]))
+        at = np.stack([self.x[row, col], self.y[row, col]], axis=-1).astype(np.float64)
+        middle, extent = at.mean(axis=0), max(float(np.ptp(at, axis=0).max()), 1e-6)
+
+        def basis(places: Floats) -> Floats:
+            a, b = ((places - middle) / extent).T
+            powers = [a**i * b**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+            return np.stack(powers, axis=-1)
+
+        ways = np.linalg.lstsq(basis(at), np.stack([row, col], axis=-1).astype(np.float64), rcond=None)[0]
+        return lambda places: np.asarray((basis(places) @ ways).T)
+
+    @property
     def unsettled(self) -> Floats:
         """Standard deviation of z (R, C) where nothing presses, by the motion's modes; the other errors of a
         rig change a map less rest by a share of its dents."""
         if self.modes is None or not self.motions:
             return np.zeros(self.z.shape)
         own = self.modes[-self.motions :]
-        return np.sqrt(spread(np.einsum("mrc,mrc->rc", own, own), self.step, self.z.shape))
+        return np.sqrt(spread(np.einsum("mrc,mrc->rc", own, own), self.step, *map(np.arange, self.z.shape)))
 
     def thinned(self, every: int) -> Surface:
         """Every so many cells, with the motion's modes alone."""
-        few, count = (slice(None, None, every),) * 2, 0 if self.modes is None else len(self.modes)
-        own = () if self.modes is None else self.modes[count - self.motions :]
-        modes = [spread(one, self.step, self.z.shape, every) for one in own]
+        few, places = (slice(None, None, every),) * 2, [np.arange(0, size, every) for size in self.z.shape]
+        own = self.common[len(self.common) - self.motions :]
+        modes = [spread(one, self.step, *places) for one in own]
         x, y, z, sigma = (part[few] for part in (self.x, self.y, self.z, self.sigma))
         free = None if self.free is None else self.free[few]
         motion = np.reshape(modes, (-1, *z.shape))
@@ -82,9 +108,9 @@ class Surface:
         """The surface without the fitted sag and motion; their standard deviations replace the motion's
         modes."""
         few = slice(None, None, self.step), slice(None, None, self.step)
-        own = np.zeros((0, *self.z[few].shape)) if self.modes is None else np.asarray(self.modes, np.float64)
+        own = np.asarray(self.common, np.float64)
         rig, motion = own[: len(own) - self.motions], own[len(own) - self.motions :]
-        z = self.z - spread(np.tensordot(fit.motion, motion, 1), self.step, self.z.shape)
+        z = self.z - spread(np.tensordot(fit.motion, motion, 1), self.step, *map(np.arange, self.z.shape))
         left = np.tensordot(fit.root[:-1].T, motion, 1)
         found = np.tensordot(fit.rig[:-1].T, motion, 1)
         if self.free is not None:
@@ -102,21 +128,20 @@ class Surface:
         return replace(self, z=z, modes=modes, motions=len(left), displacement=displacement)
 
 
-def spread(coarse: Map, step: int, shape: tuple[int, ...], every: int = 1) -> Floats:
-    """A field on every step-th cell on all of them, or on every so many, linear between."""
-    if step == every:
-        return np.asarray(coarse, np.float64)
+def spread(coarse: Map, step: int, rows: Ints, cols: Ints) -> Floats:
+    """A field on every step-th cell at rows (n,) and columns (m,) of all, linear between."""
+    if step == 1:
+        return np.asarray(coarse[rows[:, None], cols], np.float64)
     (row, down), (col, along) = (
-        _between(np.arange(0, size, every) / step, last - 1)
-        for size, last in zip(shape, coarse.shape, strict=True)
+        _between(at / step, last - 1) for at, last in zip((rows, cols), coarse.shape, strict=True)
     )
-    far = np.minimum(col + 1, coarse.shape[1] - 1)
-    rows = (1 - along) * coarse[:, col] + along * coarse[:, far]
-    field, below = rows[row], rows[np.minimum(row + 1, len(rows) - 1)]
+    far, last = np.minimum(col + 1, coarse.shape[1] - 1), np.minimum(row + 1, len(coarse) - 1)
+    lines = (1 - along) * coarse[:, col] + along * coarse[:, far]
+    field, below = lines[row], lines[last]
     field *= (1 - down)[:, None]
     below *= down[:, None]
     field += below
-    return field
+    return np.asarray(field)
 
 
 def _between(at: Floats, last: int) -> tuple[Ints, Floats]:

@@ -28,7 +28,7 @@ _COLUMNS = {
         "_mm": ("x", "y", "position_sigma", "depth", "depth_sigma"),
         "_mm2": ("area", "area_sigma"),
         "_mm3": ("volume", "volume_sigma"),
-        "": ("cut", "hole", "depth_at_least"),
+        "": ("cut", "hole", "depth_at_least", "force_at_least"),
     }.items()
     for name in names
 }

@@ -196,16 +196,5 @@ def test_a_dent_cut_before_its_tip_is_at_least_so_deep(end: float) -> None:
     seen = Surface(X, Y, np.where(good, made.z, np.nan), made.sigma, good)
     (found,) = contacts(seen, regions(seen), Layer(youngs_modulus_mpa=0.5))
     assert str(found).startswith("depth at least ")
-    assert re.search("force at least .* N$", str(found))
+    assert re.search("area at least .* volume at least .*force at least .* N$", str(found))
     assert found.depth == pytest.approx(made.z[good].max(), abs=2e-4)
-    assert abs(found.depth - 0.1) < 2 * found.depth_sigma
-
-
-def test_a_depth_that_a_hole_hides_comes_last() -> None:
-    """The cap of a steep dent is not measured: its flank is deeper than the other dent, and says little."""
-    away = np.hypot(X - 20, Y - 22)
-    made = surface(0.05 * np.exp(-(np.hypot(X - 42, Y - 22) ** 2) / 18) + 0.3 * np.exp(-(away**2) / 2))
-    hidden = replace(made, good=away > 1.6)
-    first, last = contacts(hidden, regions(hidden), None)
-    assert first.depth < last.depth < 3 * last.depth_sigma
-    assert first.x == pytest.approx(42, abs=0.1)

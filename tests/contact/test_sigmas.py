@@ -8,7 +8,7 @@ from optolever.contact import Surface, contacts, elastic_fits, load_fit, regions
 from optolever.scene import Layer
 
 from .test_contact import X, Y, ball, surface
-from .test_elastic import smooth
+from .test_elastic import around, smooth
 
 
 def ratio(errors: list[float]) -> float:
@@ -95,11 +95,51 @@ def test_few_cells_are_a_contact_where_they_are_sure() -> None:
         assert len(regions(made)) == count
 
 
-def test_a_flagged_tip_costs_what_its_neighbours_leave_open() -> None:
-    """Of a ball, and of a dent that fades: a few cells are flagged, the flank around them says how deep."""
-    for z in (ball(30, 22, 5, 0.1), 0.1 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / 30)):
+@pytest.mark.parametrize(("x", "hidden"), [(30.0, 4.5), (30.0, 2.0), (60.0, 0.0), (2.0, 0.0), (30.0, -28.0)])
+def test_place_and_area_of_what_is_not_measured_are_those_of_the_field(x: float, hidden: float) -> None:
+    """Hertz: half of the depth lies at the ball's contact radius. Dark inside, cut by the map's ends, by
+    unknown cells beyond the tip. Area of the map: -70 to -100 % of it, or a hole's."""
+    layer, ratios = Layer(0.5, youngs_modulus_sigma_mpa=0.0), list[tuple[float, ...]]()
+    for seed in range(6):
+        made = smooth(ball(x, 22, 4.5, 0.1), seed)
+        made = around(made, np.hypot(X - x, Y - 22) < hidden if hidden >= 0 else -hidden < X)
+        found = regions(made)
+        (contact,) = contacts(made, found, layer, elastic_fits(made, found, layer))
+        area, most = np.pi * 4.5**2, 1.5 * 4 / 3 * 0.45 * layer.plane_modulus / (np.pi * 4.5**2)
+        assert not contact.force_at_least
+        assert contact.area_sigma < 0.3 * area
+        assert contact.pressure == pytest.approx(most, rel=0.35)
+        off = contact.x - x, contact.y - 22, contact.area - area, contact.volume - 0.075 * area
+        sigmas = contact.position_sigma, contact.position_sigma, contact.area_sigma, contact.volume_sigma
+        ratios.append(tuple(np.divide(off, sigmas)))
+    for each in zip(*ratios, strict=True):
+        assert 0.1 < ratio(list(each)) < 1.6
+
+
+def test_a_flagged_tip_is_at_least_as_deep_as_its_neighbours() -> None:
+    """A few cells: of a dent that fades a lower bound, of a ball what the field around says."""
+    layer = Layer(0.5)
+    for z, elastic in (
+        (ball(30, 22, 5, 0.1), True),
+        (0.1 * np.exp2(-((X - 30) ** 2 + (Y - 22) ** 2) / 20), False),
+    ):
         made = surface(z)
-        flagged = Surface(X, Y, made.z, made.sigma, np.hypot(X - 30, Y - 22) > 0.6)
-        (found,) = contacts(flagged, regions(flagged), None)
-        assert found.depth_at_least
-        assert abs(found.depth - 0.1) < 3 * found.depth_sigma < 0.03
+        flagged = around(made, np.hypot(X - 30, Y - 22) < 0.6)
+        found = regions(flagged)
+        (contact,) = contacts(flagged, found, layer, elastic_fits(flagged, found, layer))
+        assert contact.depth_at_least != elastic
+        assert contact.depth == pytest.approx(0.1, rel=0.02)
+        assert contact.depth_sigma < 0.015
+        if elastic:
+            assert abs(contact.depth - 0.1) < 3 * contact.depth_sigma
+
+
+def test_a_small_false_dent_leaves_the_other_contacts_their_fits() -> None:
+    """A dent that fades, on the flank: its misfit counted for all contacts, and none had a fit."""
+    for x, depth in ((50, 0.012), (54, 0.02)):
+        small = depth * np.exp2(-((X - x) ** 2 + (Y - 30) ** 2) / 4)
+        made = smooth(ball(30, 22, 4.5, 0.1) + small, 0)
+        fit, other = elastic_fits(made, regions(made), None)
+        assert other is None
+        assert fit is not None
+        assert abs(fit.values[4] - 0.6) < 4 * fit.sigmas[4] < 0.1

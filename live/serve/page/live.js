@@ -245,7 +245,7 @@ function tables(n) {
   rows("touches", n.touches.map((t) => {
     const f = force[t.identity], about = t.hole ? "≈ " : "", least = t.depth_at_least ? "≥ " : about;
     return [t.identity, `${show(t.x, 4)}, ${show(t.y, 4)}`, least + both(1e3 * t.depth, 1e3 * t.depth_sigma),
-      `${t.cut ? "≥ " : ""}${both(t.area, t.area_sigma)}`, radius(t), f ? about + both(f.newton, f.sigma) : noForce(n) || "–"].map(String);
+      `${t.force_at_least ? "≥ " : ""}${both(t.area, t.area_sigma)}`, radius(t), f ? about + both(f.newton, f.sigma) : noForce(n) || "–"].map(String);
   }));
   if ($("probes").contains(document.activeElement)) return;  // a button that is about to be pressed stays
   rows("probes", n.probes.map((p, k) => {
