@@ -399,10 +399,6 @@ class _Means:
         near = np.asarray(maps[:, low[0] : last[0], low[1] : last[1]], np.float64)
         if side > 1:
             near = scipy.ndimage.uniform_filter(near, (0, side, side))
-        end = np.array(near.shape[1:])[:, None] - 1
-        at = np.clip(at - low[:, None], 0, end)
-        first = at.astype(np.int64)
-        (r, c), (below, beside), (down, along) = first, np.minimum(first + 1, end), at - first
-        above = (1 - along) * near[:, r, c] + along * near[:, r, beside]
-        under = (1 - along) * near[:, below, c] + along * near[:, below, beside]
-        return np.asarray((1 - down) * above + down * under)
+        at -= low[:, None]
+        means = [scipy.ndimage.map_coordinates(one, at, order=1, mode="nearest") for one in near]
+        return np.reshape(means, (-1, len(places)))

@@ -44,7 +44,6 @@ _TAILED = 9.0  # samples of what tails of dents leave
 _BEYOND = 5.0  # standard deviations: motions beyond their prior are found, too
 _STILL, _YIELDS = 2.5, 6.0  # noises: of a dent that fades; where the rig moves, which hides a layer's sinking
 _SINKS = 0.05  # of the largest height: what sinks with it, whatever the far field is
-_POWERS, _ANY = (3, 4), range(1, 7)  # of the distance
 _RATES = (0.7, 1.4, 2.8)  # a radius
 _OUTLIER = 3.0  # standard deviations of a robust fit: beyond, cells count less
 _DEVIATION = 1.4826  # standard deviation over median absolute deviation
@@ -55,7 +54,7 @@ _Fields = Callable[[Sequence[Circle], Floats, Floats], Floats]
 
 
 class _Cells(NamedTuple):
-    """Cells (n,) of a fit; their median noise, the depth of what is pressed, and the anchors (k, 2), mm."""
+    """Cells (n,) of a fit; their noise, the depth of what is pressed, and the anchors (k, 2), mm."""
 
     x: Floats
     y: Floats
@@ -70,22 +69,6 @@ class _Cells(NamedTuple):
     anchors: Floats | None
 
 
-class _Outside(NamedTuple):
-    """Cells (n,) far from the contacts; times the root of their weight own (k + 1, n): the motion's modes and
-    the free one, right (n,): heights, errors (m, n): the rig's; sinks: whether there is a free mode; depth:
-    of the deepest contact."""
-
-    x: Floats
-    y: Floats
-    root: Floats
-    noise: float
-    own: Floats
-    right: Floats
-    errors: Floats
-    sinks: bool
-    depth: float
-
-
 class Fit(NamedTuple):
     """Of fields (t, n) in observations (k, n): found (t, k): amplitudes; inverse (t, t): covariance at unit
     noise; rho: norm of the first observation's residual."""
@@ -96,11 +79,14 @@ class Fit(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """A fit of `fields` in number, motion and the free mode (t, n); unit: standard deviation of a cell's
-    height; prior (t,): over the amplitudes' standard deviations."""
+    """A fit of `fields` in number, motion and the free mode (t, n) to heights and the rig's errors
+    (1 + m, n), all times the root of the weight (n,); unit: standard deviation of a cell's height; prior
+    (t,): over the amplitudes' standard deviations."""
 
     fit: Fit
     every: Floats
+    seen: Floats
+    root: Floats
     prior: Floats
     unit: float
     fields: int
@@ -225,18 +211,18 @@ def _explained(cells: _Cells, circles: Sequence[Circle], layer: Layer | None, so
     faded = _sinks(cells, circles)
     kinds: list[tuple[_Fields, float]] = [
         (partial(far_field, layer), math.inf),
-        (_fading, faded),
-        (_round, max(_SINKS * cells.depth, faded)),
+        (partial(_falling, _fading), faded),
+        (partial(_falling, _any), max(_SINKS * cells.depth, faded)),
     ]
-    kinds = kinds if outside.sinks else kinds[:2]
+    kinds = kinds if cells.free.any() else kinds[:2]
     fits = [_fitted(outside, fields(circles, outside.x, outside.y), sinks) for fields, sinks in kinds]
     load, fades, either = fits[0], fits[1], fits[-1]
     best = min((one.fit.rho for one in fits if one is not None), default=0.0)
     odds = (solid * _likelihood(load, best), _likelihood(fades, best))
     likely = [(share, one) for share, one in zip(odds, (load, fades), strict=True) if one and share > 0]
-    if not likely:
-        return _as_load_fit(outside, either) if either else None
-    return _mean([_as_load_fit(outside, one) for _, one in likely], np.array([share for share, _ in likely]))
+    likely = likely or [(1.0, one) for one in (either,) if one]
+    each = [_as_load_fit(outside.noise, one) for _, one in likely]
+    return _mean(each, np.array([share for share, _ in likely])) if each else None
 
 
 def _likelihood(load: _Load | None, best: float) -> float:
@@ -271,80 +257,70 @@ def _sinks(cells: _Cells, circles: Sequence[Circle]) -> float:
     return math.hypot(still, cells.depth * reach)
 
 
-def _fading(circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
-    """Heights (8 n, ...) around contacts that fade, by powers of the distance, exponentials, a Gaussian, and
-    their first moments."""
+def _falling(
+    powers: Callable[[Floats], list[Floats]], circles: Sequence[Circle], x: Floats, y: Floats
+) -> Floats:
+    """Heights (8 n, ...) around contacts by functions of the distance in radii, and their first moments."""
     columns = []
     for cx, cy, radius in circles:
         dx, dy = (x - cx) / radius, (y - cy) / radius
         q = np.maximum(np.hypot(dx, dy), 1.0)
-        columns += [*(q**-power for power in _POWERS), *(np.exp(-rate * (q - 1)) for rate in _RATES)]
-        columns += [0.5 ** (q**2 - 1), dx * q**-4, dy * q**-4]
+        columns += [*powers(q), dx * q**-4, dy * q**-4]
     return np.reshape(columns, (-1, *np.shape(x)))
 
 
-def _round(circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
-    """Heights (8 n, ...) around contacts that fall with powers of the distance, and their first moments."""
-    columns = []
-    for cx, cy, radius in circles:
-        dx, dy = (x - cx) / radius, (y - cy) / radius
-        t = 1 / np.maximum(np.hypot(dx, dy), 1.0)
-        columns += [*(t**power for power in _ANY), dx * t**4, dy * t**4]
-    return np.reshape(columns, (-1, *np.shape(x)))
+def _fading(q: Floats) -> list[Floats]:
+    return [q**-3, q**-4, *(np.exp(-rate * (q - 1)) for rate in _RATES), 0.5 ** (q**2 - 1)]
 
 
-def _outside(cells: _Cells, circles: Sequence[Circle]) -> _Outside | None:
+def _any(q: Floats) -> list[Floats]:
+    return [q**-power for power in range(1, 7)]
+
+
+def _outside(cells: _Cells, circles: Sequence[Circle]) -> _Cells | None:
     """The cells outside two radii of the contacts; None of too few."""
     out = np.ones(cells.z.size, np.bool_)
     for cx, cy, radius in circles:
         out &= np.hypot(cells.x - cx, cells.y - cy) > _FAR * radius
     if np.count_nonzero(out) < _FEWEST:
         return None
-    x, y, z, sigma, weight = (part[out] for part in cells[:5])
-    noise, root = math.sqrt(float(weight @ sigma**2 / weight.sum())), np.sqrt(weight / weight.sum())
-    own = np.concatenate([cells.motion[:, out], cells.free[None, out]]) * root
-    return _Outside(
-        x, y, root, noise, own, z * root, cells.rig[:, out] * root, bool(cells.free.any()), cells.depth
-    )
+    cells = _Cells._make([*(part[..., out] for part in cells[:8]), *cells[8:]])
+    noise = math.sqrt(float(np.average(cells.sigma**2, weights=cells.weight)))
+    return cells._replace(weight=cells.weight / cells.weight.sum(), noise=noise)
 
 
-def _fitted(outside: _Outside, fields: Floats, sinks: float) -> _Load | None:
+def _fitted(cells: _Cells, fields: Floats, sinks: float) -> _Load | None:
     """With these fields (t, n); sinks: standard deviation of c that is expected, mm."""
-    every = np.concatenate([fields * outside.root, outside.own])
-    seen = np.concatenate([outside.right[None], outside.errors])
+    root, noise, fewer = np.sqrt(cells.weight), cells.noise, len(fields)
+    every = np.concatenate([fields, cells.motion, cells.free[None]]) * root
+    seen = np.concatenate([cells.z[None], cells.rig]) * root
     if not (np.isfinite(every).all() and np.isfinite(seen).all()):
         return None  # of a damaged map
-    noise, fewer = outside.noise, len(fields)
     size, unit = np.linalg.norm(every, axis=1), noise / math.sqrt(_INDEPENDENT)
     for _ in range(2):  # the residual weighs the prior
         aimed = np.full(len(every), unit)
-        aimed[:fewer] /= max(_AMPLITUDE * outside.depth, noise, 1e-100)
+        aimed[:fewer] /= max(_AMPLITUDE * cells.depth, noise, 1e-100)
         aimed[-1] /= sinks
         prior = np.hypot(np.where(size > 0, _TAILS * size, 1.0), aimed)
         found = fit(every, seen, prior)
         unit = math.sqrt(max(found.rho**2 - noise**2, 0.0) / _TAILED + noise**2 / _INDEPENDENT)
-    return _Load(found, every, prior, unit, fewer)
+    return _Load(found, every, seen, root, prior, unit, fewer)
 
 
-def _as_load_fit(outside: _Outside, load: _Load) -> LoadFit:
+def _as_load_fit(noise: float, load: _Load) -> LoadFit:
     """The fit with its covariance, and the part of the rig's errors that it takes."""
-    (found, inverse, rho), every, prior, unit, fewer = load
-    noise, own = outside.noise, np.s_[fewer:]
+    (found, inverse, rho), every, (_, *errors), root, prior, unit, fewer = load
+    own = np.s_[fewer:]
     covariance, seen = unit**2 * inverse, inverse - (inverse * prior**2) @ inverse
     for each in (covariance, seen):
-        if not outside.sinks:
+        if not every[-1].any():  # no free mode
             each[-1], each[:, -1] = 0.0, 0.0
     values, vectors = np.linalg.eigh(covariance[own, own])
     half = vectors * np.sqrt(np.maximum(values, 0.0))
     turn = np.linalg.pinv(half, rcond=1e-6)
-    left = np.linalg.norm(outside.errors - found[:, 1:].T @ every, axis=0)
-    known = math.hypot(noise, float(np.median(left / np.maximum(outside.root, 1e-300))))
+    left = np.linalg.norm(np.reshape(errors, (-1, root.size)) - found[:, 1:].T @ every, axis=0)
+    known = math.hypot(noise, float(np.median(left / np.maximum(root, 1e-300))))
     by_noise = noise**2 / _INDEPENDENT * turn @ seen[own, own] @ turn.T
-    fitted = (
-        float(found[-1, 0]),
-        math.sqrt(covariance[-1, -1]),
-        rho / max(noise, 1e-300),
-        rho / max(known, 1e-300),
-    )
-    kept = np.eye(len(outside.errors))
-    return LoadFit(*fitted, found[fewer:-1, 0], half, found[fewer:, 1:], kept, by_noise)
+    misfits = rho / max(noise, 1e-300), rho / max(known, 1e-300)
+    fitted = float(found[-1, 0]), math.sqrt(covariance[-1, -1]), *misfits, found[fewer:-1, 0]
+    return LoadFit(*fitted, half, found[fewer:, 1:], np.eye(len(errors)), by_noise)

@@ -86,23 +86,15 @@ def bonded(poisson: float) -> "scipy.interpolate.CubicSpline":
 
 def _squares(cells: list[Floats], radii: list[float], pitch: float) -> tuple[Floats, Ints]:
     """Places (n, 2) on a grid in and beside the contacts, and the contact that each is nearest to (n,)."""
-    parts = [_beside(at, radius, pitch) for at, radius in zip(cells, radii, strict=True)]
-    index, away = (np.concatenate(part) for part in zip(*parts, strict=True))
-    owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    nearest = np.argsort(away, kind="stable")
-    places, first = np.unique(index[nearest], axis=0, return_index=True)
-    return places * pitch, owner[nearest][first]
-
-
-def _beside(cells: Floats, radius: float, pitch: float) -> tuple[Ints, Floats]:
-    """Places (n, 2), pitches, in and beside a contact, and their distances from its cells in its radius."""
-    index, reach = np.rint(cells / pitch).astype(np.int64), math.ceil(_BESIDE * radius / pitch)
-    low = index.min(axis=0) - reach
-    outside = np.ones(index.max(axis=0) + 1 + reach - low, np.bool_)
-    outside[tuple((index - low).T)] = False
-    away = scipy.ndimage.distance_transform_edt(outside) * (pitch / radius)
-    places = np.stack(np.nonzero(away <= _BESIDE), axis=-1)
-    return places + low, away[tuple(places.T)]
+    owner = np.repeat(np.arange(len(cells)), [len(at) for at in cells])
+    reach = _BESIDE / pitch * np.array(radii)
+    index, first = np.unique(np.rint(np.concatenate(cells) / pitch), axis=0, return_index=True)
+    sides = map(np.arange, index.min(axis=0) - math.ceil(reach.max()), index.max(axis=0) + reach.max() + 1)
+    places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
+    away, nearest = scipy.spatial.KDTree(index).query(places)
+    owner = owner[first][nearest]
+    kept = away <= reach[owner]
+    return places[kept] * pitch, owner[kept]
 
 
 def _pressed(matrix: Floats, height: Floats, owner: Ints) -> tuple[Floats, Floats]:

@@ -124,13 +124,10 @@ def _parted(tops: list[tuple[int, int]], masks: list[Mask]) -> list[Mask]:
     """Disjoint: where two overlap, cells go to the nearer peak."""
     if len(masks) < 2:
         return masks
-    rows, cols = np.arange(masks[0].shape[0])[:, None], np.arange(masks[0].shape[1])
-    away = [np.hypot(rows - row, cols - col) for row, col in tops]
-    parted = []
-    for k, mask in enumerate(masks):
-        others = [n for n, other in enumerate(masks) if n != k and (mask & other).any()]
-        parted.append(np.asarray(mask & np.all([away[k] <= away[n] for n in others], axis=0)))
-    return parted
+    rows, cols = np.ogrid[: masks[0].shape[0], : masks[0].shape[1]]
+    away = np.stack([np.hypot(rows - row, cols - col) for row, col in tops])
+    others = [[bool((mask & other).any()) for other in masks] for mask in masks]
+    return [mask & (away[k] <= away[others[k]].min(axis=0)) for k, mask in enumerate(masks)]
 
 
 def _least(z: Map, rise: Floats, at: tuple[int, int]) -> int:

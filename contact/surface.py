@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import scipy.ndimage
-import scipy.sparse
-import scipy.sparse.linalg
 
 from optolever.arrays import Floats, Ints, Map, Mask
 
@@ -152,7 +150,7 @@ def _between(at: Floats, last: int) -> tuple[Ints, Floats]:
 
 def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     """Heights with enclosed holes: as the equations bridged them, at most the deepest of the cells beside
-    each; else harmonic; what is known then; the holes."""
+    each; else as the nearest measured cell; what is known then; the holes."""
     if good.all():
         return z, good, ~good
     count, labels, boxes, _ = cv2.connectedComponentsWithStats((~good).astype(np.uint8), connectivity=4)
@@ -165,20 +163,11 @@ def filled(z: Map, good: Mask) -> tuple[Map, Mask, Mask]:
     low, high = left[enclosed].min() - 1, (left + width)[enclosed].max() + 1
     box = slice(top[enclosed].min() - 1, (top + height)[enclosed].max() + 1), slice(low, high)
     beside = scipy.ndimage.maximum_filter(np.where(good[box], z[box], -np.inf), 3)
-    deepest = np.full(count, -np.inf)
-    np.maximum.at(deepest, labels[box][holes[box]], beside[holes[box]])
+    deepest = np.asarray(scipy.ndimage.maximum(beside, labels[box], np.arange(count)))
     out, known = np.where(holes, np.minimum(z, deepest[labels]), np.where(good, z, 0)), good | holes
     places = np.flatnonzero(holes & ~np.isfinite(z))
     if not places.size:
         return out, known, holes
-    number = np.full(z.size, -1)
-    number[places] = np.arange(places.size)
-    near = places[:, None] + np.array([-z.shape[1], z.shape[1], -1, 1])  # enclosed: none lies at the border
-    inside = number[near] >= 0
-    row, side = np.nonzero(inside)
-    shape = places.size, places.size
-    coupled = scipy.sparse.csr_array((np.full(row.size, -0.25), (row, number[near[row, side]])), shape=shape)
-    right = 0.25 * np.where(inside, 0.0, out.ravel()[near]).sum(axis=1)
-    matrix = scipy.sparse.csc_array(scipy.sparse.eye_array(places.size) + coupled)
-    out.flat[places] = scipy.sparse.linalg.splu(matrix).solve(right)
+    nearest = scipy.ndimage.distance_transform_edt(~good, return_distances=False, return_indices=True)
+    out.flat[places] = z[tuple(nearest.reshape(2, -1)[:, places])]
     return out, known, holes
