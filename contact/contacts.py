@@ -36,8 +36,8 @@ class Contact:
     """One contact; lengths in mm, sigmas: standard deviations by noise and by the map's modes.
 
     x, y: centroid of the cells deeper than half the depth, position_sigma: of either; depth: of the deepest
-    cell, depth_noise: its sigma by noise alone; area (mm^2), volume (mm^3): of these cells; without draws of
-    the noise their sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
+    cell; area (mm^2), volume (mm^3): of these cells; their
+    sigmas are upper bounds: noise is taken as common to them. cut: the map's end or unknown
     cells end the region; hole: cells that are not measured are inside, or beside its deepest cell.
     indenter_radius: of the surface inside, inf: flat within three sigma, None: of too few cells. force (N),
     force_sigma, pressure (the largest, of a flat punch in the middle, N/mm^2): where the elastic layer is
@@ -52,7 +52,6 @@ class Contact:
     position_sigma: float
     depth: float
     depth_sigma: float
-    depth_noise: float
     area: float
     area_sigma: float
     volume: float
@@ -114,8 +113,8 @@ class Contact:
 
 class _Dent(NamedTuple):
     """A region in its box, (r, c) each: x, y from the centroid, z, area of every cell, its share in the
-    region, growth of the area by a height that is added there, mm^2/mm; draws (K, r, c) of the noise or None,
-    modes (m, r, c); measured: cells that are; peak: the deepest cell in the box."""
+    region, growth of the area by a height that is added there, mm^2/mm; modes (m,
+    r, c); measured: cells that are; peak: the deepest cell in the box."""
 
     x: Floats
     y: Floats
@@ -125,7 +124,6 @@ class _Dent(NamedTuple):
     share: Floats
     growth: Floats
     slope: Floats
-    draws: Floats | None
     modes: Floats
     inside: Mask
     holes: Mask
@@ -175,7 +173,7 @@ def _contact(
     count = max(len(moved), len(dent.modes))
     modes, shift = np.zeros((count, *dent.z.shape)), np.zeros((count, 2, 3))
     modes[: len(dent.modes)], shift[: len(moved)] = dent.modes, moved
-    own, depth_noise = float(np.linalg.norm(modes[:, *dent.peak])), norm(noise, tip)
+    depth_sigma = norm(noise, tip, *modes[:, *dent.peak])
     if fit is None or not (region.cut or ended):
         area, volume = float(weight.sum()), float((weight * dent.z).sum())
         x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
@@ -201,15 +199,14 @@ def _contact(
     if fit is not None:
         sigma = norm(fit.sigmas[3], (_ROUGH if fit.whole and not region.hole else _UNSEEN) * fit.values[3])
         # of a ball and a flat punch the deepest cells lie on the rim
-        if at_least or (fit.whole and fit.values[5] < _ROUND and sigma < norm(depth_noise, own)):
-            depth, depth_noise, own, at_least = float(fit.values[3]), sigma, 0.0, at_least and fit.bound
+        if at_least or (fit.whole and fit.values[5] < _ROUND and sigma < depth_sigma):
+            depth, depth_sigma, at_least = float(fit.values[3]), sigma, at_least and fit.bound
     return Contact(
         x=region.x + x,
         y=region.y + y,
         position_sigma=norm(place_noise, np.linalg.norm(by_place) / math.sqrt(2)),
         depth=depth,
-        depth_sigma=norm(depth_noise, own),
-        depth_noise=depth_noise,
+        depth_sigma=depth_sigma,
         area=area,
         area_sigma=norm(area_noise, *(by_area + stretch * area)),
         volume=volume,
@@ -242,17 +239,13 @@ def _dent(surface: Surface, region: Region, z: Map, known: Mask, holes: Mask) ->
     own = scipy.ndimage.binary_dilation(region.inside & (share > 0))
     share[near & ~own] = 0.0  # cut off from it by another peak
     growth = np.where((share > 0) & (share < 1), cell / rise, 0.0)
-    draws = None
-    if surface.draws is not None:
-        draws = np.asarray(surface.draws[:, *box], np.float64)
-        draws *= sigma[peak] / max(rms(draws[:, *peak]), 1e-300) if np.isfinite(sigma[peak]) else 1.0
     places = [np.arange(part.start, part.stop) for part in box]
     modes = np.reshape([spread(one, surface.step, *places) for one in surface.common], (-1, *heights.shape))
     finite = np.isfinite(sigma)
     sigma = np.where(finite, sigma, np.median(sigma[finite]) if finite.any() else 0.0)
     x, y = np.nan_to_num(x - region.x), np.nan_to_num(y - region.y)
     maps = x, y, heights, sigma, cell, share, growth, slope
-    return _Dent(*maps, draws, modes, region.inside, holes[box], (known & ~holes)[box], peak)
+    return _Dent(*maps, modes, region.inside, holes[box], (known & ~holes)[box], peak)
 
 
 def _steepness(z: Floats, x: Floats, y: Floats) -> Floats:
@@ -298,16 +291,6 @@ def _noises(
     rim = dent.growth > 0
     # the outline crosses each rim cell somewhere: the rounding of its share, independent of the others'
     rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
-    if dent.draws is not None:
-        grown = (dent.draws - _HALF * dent.draws[:, *dent.peak, None, None]) * dent.growth
-        by_area = rms(grown.sum(axis=(1, 2)))
-        by_volume = rms((dent.draws * weight).sum(axis=(1, 2)) + _HALF * depth * grown.sum(axis=(1, 2)))
-        by_place = [rms((grown * arm).sum(axis=(1, 2))) for arm in arms]
-        return (
-            norm(by_area, rounding),
-            by_volume,
-            norm(*by_place, rounding / area * math.sqrt(area / math.pi)) / math.sqrt(2),
-        )
     at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
     # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
     error = math.sqrt(0.25 * noise**2 + max(at_rim**2 - noise**2, 0.0))
@@ -332,10 +315,7 @@ def _indenter(dent: _Dent, depth: float) -> tuple[float | None, float | None]:
     k, weights, used = wide
     modes = [float(mode[used] @ weights) for mode in dent.modes]
     size = float(np.hypot(dent.x[used], dent.y[used]).max())
-    if dent.draws is not None:
-        noise = rms(dent.draws[:, used] @ weights)
-    else:
-        noise = 4 * float(np.median(dent.sigma[used])) / size**2
+    noise = 4 * float(np.median(dent.sigma[used])) / size**2
     sigma = norm(noise, *modes, k - narrow[0])
     return (1 / k, sigma / k**2) if k > _CURVED * sigma else (math.inf, None)
 
@@ -362,17 +342,9 @@ def _pressed(
     radii = [one.radius for one in found]
     behind = forces_on(layer, cells, radii, lambda at, pitch: means(z[None], at, pitch)[0])
     at, pitch, area = behind.places, behind.pitch, behind.pitch**2
-    by_modes = np.zeros(len(found))
-    if surface.modes is not None:
-        by_modes = np.linalg.norm(means(surface.modes, at, 0.0, surface.step) @ behind.weights.T, axis=0)
-    if surface.draws is not None:
-        peak = found[0].row, found[0].col
-        size = max(rms(np.asarray(surface.draws[:, *peak], np.float64)), 1e-300)
-        drawn = means(surface.draws, at, pitch) @ behind.weights.T
-        by_noise = np.sqrt(np.mean(np.square(drawn), axis=0)) * (found[0].depth_noise / size)
-    else:
-        noise = np.where(np.isfinite(surface.sigma), surface.sigma, 0)
-        by_noise = np.abs(behind.weights @ means(noise[None], at, pitch)[0])
+    by_modes = np.linalg.norm(means(surface.common, at, 0.0, surface.step) @ behind.weights.T, axis=0)
+    noise = np.where(np.isfinite(surface.sigma), surface.sigma, 0)
+    by_noise = np.abs(behind.weights @ means(noise[None], at, pitch)[0])
     result = []
     for k, one in enumerate(found):
         under = behind.pressure[behind.owner == k]

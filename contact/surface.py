@@ -44,8 +44,8 @@ class Surface:
     sigma: noise of z; good: where z is measured; free: z's free mode, which the anchor settles; modes
     (m, r, c) on every step-th cell: one standard deviation of each error that all heights have in common, the
     last ones, `motions` in number, of the rig's motion since rest, which are there without a dent;
-    displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`; draws (K, R, C): heights of noise
-    alone, of any size; anchors (n, 2): x and y of what counts as at rest.
+    displacement (k, 2, 3), k at least m: see `reconstruct.HeightMap`;
+    anchors (n, 2): x and y of what counts as at rest.
     """
 
     x: Map
@@ -58,7 +58,6 @@ class Surface:
     step: int = 1
     motions: int = 0
     displacement: Floats | None = None
-    draws: Map | None = None
     anchors: Floats | None = None
 
     @property

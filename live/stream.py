@@ -73,8 +73,7 @@ class Live:
         modes = np.float32(deviation.growth) * deviation.modes(self.creep)
         sigma = np.sqrt(np.square(wide) + np.square(modes).sum(axis=0))
         hidden = np.where(good, noise, np.float32(_HIDDEN) * prepared.noise.sigma)
-        draws = prepared.noise.draws
-        surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes), draws=draws)
+        surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes))
         dents = () if judge(figures).broken else regions(surface, _COLUMNS)
         pressing = [one for one in dents if not _is_dust(one, dusty, good)]
         lost = _lost_in_kinks(prepared, settled, z, pressing)

@@ -177,7 +177,8 @@ def contacts_table(contacts: Sequence[Contact], figures: Figures) -> Table:
         if each.force is not None and each.force_sigma is not None and each.pressure is not None:
             numbers += [("force", each.force, "N", each.force_sigma)]
             numbers += [("pressure", each.pressure, "N/mm²", math.nan)]
-        bounds = [word for word, known in (("lower bounds", each.force_at_least), ("hole", each.hole)) if known]
+        words = ("lower bounds", each.force_at_least), ("hole", each.hole)
+        bounds = [word for word, known in words if known]
         shown = (figures.show(f"contact {n} {one[0]}", *one[1:]) for one in numbers)
         rows.append([str(n), ", ".join(bounds), *shown])
     return Table("contact-table", heads, rows, texts=2)

@@ -32,7 +32,7 @@ __all__ = ["prepare", "stated"]
 _WINDOW = 0.5  # periods, rms: less leaks between level and fringes, more smooths kinks
 _LEAST_WINDOW = 0.5  # cells, rms
 _BESIDE = 1.0  # pattern pixels: margin at the border, where a footprint may exceed the pattern
-_DRAWS, _KEPT = 48, 12
+_DRAWS = 48
 _QUANTISED = 1 / 12  # levels^2: variance by the rounding of a simulated frame
 _SMOOTH = 6.0  # cells: of the map of variances
 _FIRST_SIGMA = 1e-5  # mm: before it is measured
@@ -231,7 +231,7 @@ def _measured_noise(
     clean = model(rig.carriers, rig.rest)
     spread = np.float32(math.sqrt(max(rig.noise - _QUANTISED, 0.0)))
     sigma = np.full(rig.carriers.shape, _FIRST_SIGMA, np.float32)
-    squares, draws, curls, scatter = np.zeros(rig.carriers.shape), [], [], []
+    squares, curls, scatter = np.zeros(rig.carriers.shape), [], []
     creep = rig_motion(rig, points)
     for _ in range(_DRAWS):
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)
@@ -242,10 +242,9 @@ def _measured_noise(
         scatter.append((found.misfit**2, float(np.mean(np.square(found.motion / found.sigmas[:3])))))
         z = settled.tau * rig.normal + found.heights(creep)
         squares += np.square(z, dtype=np.float64)
-        draws.append(z)
         curls.append(circulations(settled.slopes, settled.good & rig.whole))
     sigma = np.sqrt(scipy.ndimage.gaussian_filter(squares / _DRAWS, _SMOOTH, mode="nearest"))
     curl = np.mean(curls, axis=0)
     curl[curl == 0] = 1.0  # no complete block: no verdict by it
     displacement = np.mean(scatter, axis=0).astype(np.float32)
-    return Noise(sigma.astype(np.float32), curl, np.asarray(draws[:_KEPT], np.float32), displacement)
+    return Noise(sigma.astype(np.float32), curl, displacement)

@@ -25,13 +25,11 @@ class Noise:
     """Noise of frames at rest, propagated through the chain.
 
     sigma (R, C): of z less the picture's motion, mm; curl (2,): mean square circulation around blocks of 8
-    and 32 cells, mm^2; draws (K, R, C): such heights of single frames; their scatter in any figure is the
-    figure's sigma; displacement (2,), turns^2: variance of a cell's displacement, and the variance with which
-    independent cells would make a fit of all cells scatter as much as it does."""
+    and 32 cells, mm^2; displacement (2,), turns^2: variance of a cell's displacement, and the
+    variance with which independent cells would make a fit of all cells scatter as much as it does."""
 
     sigma: Annotated[Cells, "R C"]
     curl: Annotated[Floats, "2"]
-    draws: Annotated[Cells, "K R C"]
     displacement: Annotated[Cells, "2"]
 
 

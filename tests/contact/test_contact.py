@@ -27,9 +27,8 @@ def ball(cx: float, cy: float, radius: float, depth: float) -> np.ndarray:
 
 def surface(z: np.ndarray, noise: float = 5e-5, **more: object) -> Surface:
     rng = np.random.default_rng(0)
-    draws = noise * rng.standard_normal((24, *z.shape))
     seen = z + noise * rng.standard_normal(z.shape)
-    return Surface(X, Y, seen, np.full(z.shape, noise), np.ones(z.shape, bool), draws=draws, **more)  # type: ignore[arg-type]
+    return Surface(X, Y, seen, np.full(z.shape, noise), np.ones(z.shape, bool), **more)  # type: ignore[arg-type]
 
 
 def test_the_force_is_hertz_force() -> None:
@@ -125,7 +124,7 @@ def test_motion_comes_off_with_the_sag(presses: list[tuple[float, float, float, 
     assert found is not None
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
-    assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
+    assert 0.5 < np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.2
     assert np.sqrt(np.mean(total**2)) < 3e-4  # of motions and a sag of several um
 
 
@@ -142,7 +141,7 @@ def test_a_layer_of_unknown_thickness_is_within_sigma_where_the_rig_moved(thickn
     assert found is not None
     left = made.less(found)
     error, total = left.z - z, np.hypot(left.sigma, left.unsettled)
-    assert np.sqrt(np.mean((error / total) ** 2)) < 1.6
+    assert 0.5 < np.sqrt(np.mean((error / total) ** 2)) < 1.6
     assert np.sqrt(np.mean(error**2)) < 1.5e-4
 
 
@@ -156,7 +155,7 @@ def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
     assert found is not None
     left = made.less(found)
     total = np.hypot(left.sigma, left.unsettled)
-    assert np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.5
+    assert 0.5 < np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.5
     assert np.sqrt(np.mean(total**2)) < 2e-4
 
 

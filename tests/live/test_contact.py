@@ -22,7 +22,7 @@ def test_identities_are_kept_merged_split_and_end() -> None:
     touches = Touches()
 
     def seen(*places: Place) -> Any:
-        plain = Contact(0, 0, 0.01, 0.05, 1e-4, 1e-4, 3.0, 0.1, 0.1, 0.01, None, None, False, False, 0, 0)
+        plain = Contact(0, 0, 0.01, 0.05, 1e-4, 3.0, 0.1, 0.1, 0.01, None, None, False, False, 0, 0)
         return touches.named([replace(plain, x=x, y=y) for x, y in places])
 
     first = seen((20, 22), (36, 22))
@@ -87,7 +87,7 @@ def test_a_dark_contact_has_the_force_of_the_field_around_it(
     error = (reading.z - true)[reading.good]
     ratio = error / reading.sigma[reading.good]
     assert error.std() < 6e-4
-    assert np.sqrt(np.mean(np.square(ratio))) < 1.5
+    assert 0.5 < np.sqrt(np.mean(np.square(ratio))) < 1.5
     assert not reading.good[np.unravel_index(true.argmax(), true.shape)]
     (touch,), (force,) = reading.touches, reading.forces
     assert touch.hole
