@@ -169,31 +169,22 @@ def _contact(
     weight = dent.share * dent.cell
     depth, noise, tip, ended = _depth(dent)
     at_least, (radius, radius_sigma) = ended, _indenter(dent, depth)
-    moved = np.zeros((0, 2, 3)) if surface.displacement is None else surface.displacement
-    count = max(len(moved), len(dent.modes))
-    modes, shift = np.zeros((count, *dent.z.shape)), np.zeros((count, 2, 3))
-    modes[: len(dent.modes)], shift[: len(moved)] = dent.modes, moved
+    shift = np.zeros((len(dent.modes), 2, 3)) if surface.displacement is None else surface.displacement
+    modes = np.pad(dent.modes, ((0, len(shift) - len(dent.modes)), (0, 0), (0, 0)))
     depth_sigma = norm(noise, tip, *modes[:, *dent.peak])
     if fit is None or not (region.cut or ended):
         area, volume = float(weight.sum()), float((weight * dent.z).sum())
         x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
-        arms, reach = np.stack([dent.x - x, dent.y - y]) / area, math.sqrt(area / math.pi)
-        area_noise, volume_noise, place_noise = _noises(dent, noise, area, depth, weight, arms)
+        noises = _noises(dent, noise, tip, area, depth, weight, region.cut)
         grown = (modes - _HALF * modes[:, *dent.peak, None, None]) * dent.growth
-        doubt = _doubtful(dent)
-        # half of a higher tip lies farther inside
-        inward = _HALF * (tip + depth - float(dent.z[dent.peak])) * float(dent.growth.sum())
-        area_noise = norm(area_noise, doubt, inward)
-        volume_noise = norm(volume_noise, doubt * volume / area, _HALF * depth * inward)
-        place_noise = norm(place_noise, reach * (doubt / area + region.cut))
-        by_area = grown.sum(axis=(1, 2))
+        by_area, arms = grown.sum(axis=(1, 2)), np.stack([dent.x - x, dent.y - y]) / area
         by_volume = (modes * weight).sum(axis=(1, 2)) + _HALF * depth * by_area
         by_place = np.einsum("krc,arc->ka", grown, arms)
     else:
         x, y, area, volume = (fit.values[[0, 1, 6, 7]] - (region.x, region.y, 0, 0)).tolist()
-        area_noise, volume_noise = (norm(fit.sigmas[k], _ROUGH * fit.values[k]) for k in (6, 7))
-        place_noise = norm(*fit.sigmas[:2]) / math.sqrt(2)
-        by_area, by_volume, by_place = np.zeros(count), np.zeros(count), np.zeros((count, 2))
+        wide, large = (norm(fit.sigmas[k], _ROUGH * fit.values[k]) for k in (6, 7))
+        noises = wide, large, norm(*fit.sigmas[:2]) / math.sqrt(2)
+        by_area, by_volume, by_place = (np.zeros((len(shift), *more)) for more in ((), (), (2,)))
     stretch = shift[:, 0, 1] + shift[:, 1, 2]
     by_place += shift @ np.array([1.0, region.x + x, region.y + y])
     if fit is not None:
@@ -204,13 +195,13 @@ def _contact(
     return Contact(
         x=region.x + x,
         y=region.y + y,
-        position_sigma=norm(place_noise, np.linalg.norm(by_place) / math.sqrt(2)),
+        position_sigma=norm(noises[2], np.linalg.norm(by_place) / math.sqrt(2)),
         depth=depth,
         depth_sigma=depth_sigma,
         area=area,
-        area_sigma=norm(area_noise, *(by_area + stretch * area)),
+        area_sigma=norm(noises[0], *(by_area + stretch * area)),
         volume=volume,
-        volume_sigma=norm(volume_noise, *(by_volume + stretch * volume)),
+        volume_sigma=norm(noises[1], *(by_volume + stretch * volume)),
         indenter_radius=radius,
         indenter_radius_sigma=radius_sigma,
         cut=region.cut,
@@ -285,23 +276,24 @@ def _doubtful(dent: _Dent) -> float:
 
 
 def _noises(
-    dent: _Dent, noise: float, area: float, depth: float, weight: Floats, arms: Floats
+    dent: _Dent, noise: float, tip: float, area: float, depth: float, weight: Floats, cut: bool
 ) -> tuple[float, float, float]:
-    """Sigmas of area, volume and centroid by noise."""
-    rim = dent.growth > 0
+    """Sigmas of area, volume and centroid by noise, by the tip between cells and by holes."""
+    rim, reach, doubt = dent.growth > 0, math.sqrt(area / math.pi), _doubtful(dent)
     # the outline crosses each rim cell somewhere: the rounding of its share, independent of the others'
     rounding = float(np.linalg.norm(dent.cell[rim])) * _ROUNDING
     at_rim = float(np.median(dent.sigma[rim])) if rim.any() else noise
     # noise of heights is smooth: what the outline and the deepest cell share is in half the depth
     error = math.sqrt(0.25 * noise**2 + max(at_rim**2 - noise**2, 0.0))
     flank = float(np.median(dent.slope[rim])) if rim.any() else 0.0
-    reach = math.sqrt(area / math.pi)
     drift = min(_DIPOLE * error / flank, reach) if flank > 0 else reach
-    by_area = norm(error * float(dent.growth.sum()), rounding)
+    inward = _HALF * (tip + depth - float(dent.z[dent.peak]))  # half of a higher tip lies farther inside
+    by_area = norm(rounding, doubt, *np.array([error, inward]) * float(dent.growth.sum()))
+    by_volume = norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area)
     return (
         by_area,
-        norm(float((weight * dent.sigma).sum()), _HALF * depth * by_area),
-        norm(drift, rounding / area * reach / math.sqrt(2)),
+        by_volume,
+        norm(drift, rounding / area * reach / math.sqrt(2), reach * (doubt / area + cut)),
     )
 
 

@@ -145,18 +145,21 @@ def test_a_layer_of_unknown_thickness_is_within_sigma_where_the_rig_moved(thickn
     assert np.sqrt(np.mean(error**2)) < 1.5e-4
 
 
-@pytest.mark.parametrize("width", [5.0, 8.0])
-def test_a_dent_that_fades_sinks_nothing(width: float) -> None:
-    """A motion looks like sinking: both are unknown where the flank is taken for a load's."""
+@pytest.mark.parametrize(("width", "least"), [(5.0, 0.12), (8.0, 0.08)])
+def test_a_dent_that_fades_sinks_nothing(width: float, least: float) -> None:
+    """A motion looks like sinking: both are unknown where a load may make the flank."""
     z = 0.3 * np.exp(-((X - 30) ** 2 + (Y - 22) ** 2) / (2 * width**2))
-    modes = 1.7e-3 * np.stack([1 - X / 60, (Y - 22) / 22])
-    made = surface(z, noise=1.5e-5, free=X / 60 + 0.2, anchors=EDGE, modes=modes, motions=2)
-    found = load_fit(made, None)
-    assert found is not None
-    left = made.less(found)
-    total = np.hypot(left.sigma, left.unsettled)
-    assert 0.5 < np.sqrt(np.mean(((left.z - z) / total) ** 2)) < 1.5
-    assert np.sqrt(np.mean(total**2)) < 2e-4
+    modes, ratios = 1.7e-3 * np.stack([1 - X / 60, (Y - 22) / 22]), list[float]()
+    for seed in range(6):
+        moved = np.tensordot(np.random.default_rng(seed).standard_normal(2), modes, 1)
+        made = surface(z + moved, noise=1.5e-5, free=X / 60 + 0.2, anchors=EDGE, modes=modes, motions=2)
+        found = load_fit(made, None)
+        assert found is not None
+        left = made.less(found)
+        total = np.hypot(left.sigma, left.unsettled)
+        ratios.append(float(np.mean(((left.z - z) / total) ** 2)))
+        assert np.sqrt(np.mean(total**2)) < 2e-4
+    assert least < np.sqrt(np.mean(ratios)) < 1.5
 
 
 def test_more_fields_than_cells_settle_what_the_cells_show() -> None:
