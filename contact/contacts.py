@@ -28,6 +28,7 @@ _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
 _DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
 _ROUGH, _UNSEEN = 0.02, 0.12  # of a fit's depth: least sigma, of one that is not measured
+_CLEAR = 0.9  # share of a contact's cells that are measured: below, its figures are the field's
 _ROUND = 0.6  # power of a pressure: below, a ball's or a flat punch's
 
 
@@ -169,10 +170,11 @@ def _contact(
     weight = dent.share * dent.cell
     depth, noise, tip, ended = _depth(dent)
     at_least, (radius, radius_sigma) = ended, _indenter(dent, depth)
+    dark = float(dent.measured[dent.inside].mean()) < _CLEAR
     shift = np.zeros((len(dent.modes), 2, 3)) if surface.displacement is None else surface.displacement
     modes = np.pad(dent.modes, ((0, len(shift) - len(dent.modes)), (0, 0), (0, 0)))
     depth_sigma = norm(noise, tip, *modes[:, *dent.peak])
-    if fit is None or not (region.cut or ended):
+    if fit is None or not (region.cut or dark):
         area, volume = float(weight.sum()), float((weight * dent.z).sum())
         x, y = (float((weight * part).sum() / area) for part in (dent.x, dent.y))
         noises = _noises(dent, noise, tip, area, depth, weight, region.cut)
@@ -190,7 +192,8 @@ def _contact(
     if fit is not None:
         sigma = norm(fit.sigmas[3], (_ROUGH if fit.whole and not region.hole else _UNSEEN) * fit.values[3])
         # of a ball and a flat punch the deepest cells lie on the rim
-        if at_least or (fit.whole and fit.values[5] < _ROUND and sigma < depth_sigma):
+        rim = fit.whole and fit.values[5] < _ROUND and sigma < depth_sigma
+        if rim or (at_least and (region.cut or dark)):
             depth, depth_sigma, at_least = float(fit.values[3]), sigma, at_least and fit.bound
     return Contact(
         x=region.x + x,

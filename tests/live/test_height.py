@@ -60,7 +60,7 @@ def test_heights_are_right_within_sigma(prepared: Prepared, shot: Shot, truth: T
             assert (reading.z - truth(dents))[inner].std() < 5e-3 * dents[0][4]
             assert np.abs(error).max() < 0.1 * dents[0][4]
     # an error is a few modes: six frames hold them to 30 %
-    assert 0.5 < np.sqrt(np.mean(ratios)) < 1.5
+    assert (0.3 if dents in SMOOTH else 0.5) < np.sqrt(np.mean(ratios)) < 1.5
 
 
 @pytest.mark.parametrize("radius", [4.0, 5.0])
@@ -105,7 +105,7 @@ def test_pixels_that_the_rest_map_lacks_are_left_out(rest: Rest, shot: Shot, tru
     _, ratio = _errors(reading, truth(SMOOTH[0]))
     assert not reading.good[38:47, 58:72].any()  # a window reaches some cells in
     assert reading.good.mean() > 0.9
-    assert 0.5 < np.sqrt(np.mean(np.square(ratio))) < 2
+    assert 0.25 < np.sqrt(np.mean(np.square(ratio))) < 2
 
 
 def test_a_frame_at_rest_that_is_torn_is_left_out(rest: Rest, shot: Shot, truth: Truth) -> None:
