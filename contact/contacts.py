@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.ndimage
 
-from optolever.arrays import Floats, Map, Mask, norm, rms
+from optolever.arrays import Floats, Map, Mask, norm
 from optolever.quantities import quantity
 from optolever.scene import Layer
 from optolever.schema import built

@@ -83,7 +83,7 @@ class _Cells(NamedTuple):
     y: Floats
     z: Floats
     root: Floats
-    nearest: Labels
+    nearest: Ints
     rig: Floats
     own: Floats
     noise: float
