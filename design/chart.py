@@ -17,7 +17,7 @@ from optolever.images import new_figure
 from optolever.quantities import length_unit
 from optolever.records import default_style
 
-from .tradeoff import Tradeoff
+from .tradeoff import LEAST_SHARE, Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,8 @@ _COSTS = {
 }
 _WIDTH, _HEIGHT = 4.4, 3.6  # of a panel, inches
 _RATIOS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of error over sigma, on the colour scale
-_DEFAULT = "gray+phase"
+_DEFAULT, _COLUMNS = "gray+phase", 3  # of the names
+_CORNERS = [(x, y) for x in (12.0, -12.0) for y in (9.0, -9.0)]  # of a mark, dots
 
 
 class Panel(NamedTuple):
@@ -61,6 +62,9 @@ def write_tradeoff_chart(
     size = len(panels), max(map(len, panels), default=1)
     figure = new_figure(_WIDTH * size[1], _HEIGHT * size[0])
     every = [row for line in panels for panel in line for row in panel.rows if _drawn(row)]
+    found = dict.fromkeys(row.code for line in panels for panel in line for row in panel.rows)
+    codes = [code for code in found if code not in letters]
+    called = {code: str(k) for k, code in enumerate(codes, 1)} | dict(letters)
     factor, unit = length_unit(float(np.median([row.simulated for row in every])) if every else 1.0)
     for line, axes in zip(panels, figure.subplots(*size, sharey="row", squeeze=False), strict=True):
         errors = [factor * row.simulated for panel in line for row in panel.rows if _drawn(row)]
@@ -71,25 +75,43 @@ def write_tradeoff_chart(
             rows = [row for row in panel.rows if _drawn(row)]
             marks = _draw(axis, rows, panel.cost, factor, letters) or marks
             places += [(axis, row.code, getattr(row, panel.cost), factor * row.simulated) for row in rows]
-            lost = ", ".join(row.code for row in panel.rows if not _drawn(row))
+            lost = ", ".join(called[row.code] for row in panel.rows if not _drawn(row))
             axis.set_title(panel.title + (f"; no height: {lost}" if lost else ""), fontsize=9, loc="left")
     if marks is not None:
         bar = figure.colorbar(marks, ax=figure.axes, ticks=np.log2(_RATIOS), aspect=20 * size[0])
         bar.ax.set_yticklabels([f"{ratio:g}" for ratio in _RATIOS])
         bar.set_label("error / sigma: 1 where error bars are true", fontsize=9)
     figure.suptitle(f"{title}; grey: nothing is both faster and better".lstrip("; "), fontsize=9)
-    codes = [code for code in dict.fromkeys(row.code for row in every) if code not in letters]
-    called = {code: str(k) for k, code in enumerate(codes, 1)} | dict(letters)
-    for axis, code, x, y in places:
-        axis.annotate(called[code], (x, y), (5, 5), textcoords="offset points", fontsize=8)
-    words = "\n".join(f"{called[code]}  {code}" for code in (*codes, *letters))
-    figure.text(0.01, -0.01, words, fontsize=8, va="top")
+    figure.draw_without_rendering()  # the panels' places
+    for axis in figure.axes:
+        _label(axis, [(called[code], x, y) for panel, code, x, y in places if panel is axis])
+    words = [f"{called[code]}  {code}" for code in (*codes, *letters)]
+    lines = -(-len(words) // _COLUMNS)
+    for k in range(_COLUMNS):
+        column = "\n".join(words[k * lines : (k + 1) * lines])
+        figure.text(0.01 + k / _COLUMNS, -0.01, column, fontsize=8, va="top")
     with atomic_file(path) as temporary:
         figure.savefig(temporary, format="png", bbox_inches="tight")
 
 
 def _drawn(row: Tradeoff) -> bool:
-    return row.simulated > 0 and row.cpu_seconds > 0
+    """Whether most of the pixels have a height."""
+    return row.simulated > 0 and row.cpu_seconds > 0 and not row.share < LEAST_SHARE
+
+
+def _label(panel: Axes, marks: Many[tuple[str, float, float]]) -> None:
+    """Each mark's number at that of its corners which is farthest from other marks and numbers."""
+    at = [np.asarray(panel.transData.transform((x, y))) for _, x, y in marks]
+    taken = list(at)
+    for k, (text, x, y) in enumerate(marks):
+        others = [one for i, one in enumerate(taken) if i != k]
+        away = [
+            min((float(np.hypot(*(at[k] + corner - one))) for one in others), default=0.0)
+            for corner in _CORNERS
+        ]
+        corner = _CORNERS[int(np.argmax(away))]
+        taken.append(at[k] + corner)
+        panel.annotate(text, (x, y), corner, textcoords="offset pixels", fontsize=8, ha="center", va="center")
 
 
 def front(cost: Floats, error: Floats) -> NDArray[np.intp]:

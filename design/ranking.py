@@ -17,10 +17,8 @@ from optolever.timing import Stages
 
 from .candidates import Candidate, candidates
 from .sensitivity import Lever
-from .tradeoff import Tradeoff, predicted, row_of, simulated
+from .tradeoff import LEAST_SHARE, Tradeoff, predicted, row_of, simulated
 
-#: Minimum predicted share of measured pixels.
-LEAST_SHARE = 0.5
 #: Maximum share of pixels with an unflagged wrong fringe order or bit.
 MOST_FAILURES = 1e-3
 #: Error of a pixel without a height, in rms errors of the measured pixels.

@@ -23,6 +23,10 @@ __all__ = [
 ]  # fmt: skip
 
 
+#: Minimum share of measured pixels of a code.
+LEAST_SHARE = 0.5
+
+
 def frame_rate(refresh: float, exposure_ms: float) -> float:
     """Frames per second: each lasts an integer number of refreshes, at least one and its exposure (ms)."""
     return refresh / max(1, math.ceil(1e-3 * exposure_ms * refresh - 1e-9))

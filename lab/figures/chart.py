@@ -68,7 +68,7 @@ def _lever(scene: Scene, *, gamma: bool) -> Lever:
 
 
 def _designed(budget: int) -> str:
-    return f"found by design --frames {budget}"
+    return f"optolever design --frames {budget}"
 
 
 def write_charts(folder: Path, found: list[tuple[str, str, Rows]]) -> None:
@@ -82,4 +82,6 @@ def write_charts(folder: Path, found: list[tuple[str, str, Rows]]) -> None:
             ]
             for scene in SCENES
         ]  # fmt: skip
-        write_tradeoff_chart(folder / file, panels, "Height error of codes; ring: the default", letters)
+        write_tradeoff_chart(
+            folder / file, panels, "ring: the default; diamond: found for photon noise", letters
+        )

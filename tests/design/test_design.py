@@ -188,7 +188,8 @@ def test_marks_of_the_chart_are_numbered_and_named_below(tmp_path: Path, monkeyp
     with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):
         write_tradeoff_chart(tmp_path / "again.png", panels, names=own)
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "chart.png").read_bytes()
-    names = dict(line.split(maxsplit=1) for line in figure.texts[-1].get_text().splitlines())
+    words = "\n".join(text.get_text() for text in figure.texts[-3:])
+    names = dict(line.split(maxsplit=1) for line in words.splitlines())
     assert list(names.values()) == codes
     assert [one for one in names if names[one] == codes[-1]] == ["A"]
     for k, panel in enumerate(figure.axes[:4]):
