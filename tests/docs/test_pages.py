@@ -105,3 +105,17 @@ def test_every_code_block_names_its_language() -> None:
     for page in PAGES:
         fences = re.findall(r"^```(\S*)", (ROOT / page).read_text(), re.MULTILINE)[::2]
         assert set(fences) <= {"python", "console", "toml", "{toctree}", "{eval-rst}"}, page
+
+
+def test_architecture_names_files_that_exist() -> None:
+    text = (ROOT / "docs/architecture.md").read_text()
+    parts = [path for path in ROOT.iterdir() if (path / "__init__.py").is_file() and path.name != "tests"]
+    names = {
+        one.relative_to(part.parent).as_posix() + "/" * one.is_dir()
+        for part in parts
+        for one in part.rglob("*")
+    }
+    for name in re.findall(r"`([\w/]+(?:\.py|/))`", text):
+        assert any(
+            f"/{one}".endswith(f"/{name}") for one in (*names, *(f"{part.name}/" for part in parts))
+        ), name
