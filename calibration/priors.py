@@ -11,8 +11,8 @@ __all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolv
 
 #: Parameters that are never free: another choice moves the frame, but no height.
 GAUGE = (
-    "gauge: the mirror at rest (the first Rest, else the first Flat) is z = 0; the camera keeps its x and y "
-    "and its turn about the mirror's normal"
+    "z = 0 is the mirror of the first capture at rest, else of the first flat; x, y and the turn about its "
+    "normal are those of the typed camera"
 )
 
 #: Parameter -> its name in notices.

@@ -124,9 +124,9 @@ class PinholeCamera(_Lens, section="camera"):
         cols = np.linspace(-0.5, self.cols - 0.5, _CHECKED)
         x, y = self._normalised(*np.broadcast_arrays(rows, cols))
         if not np.all(np.isfinite(x + y)):
-            raise InputError(
-                f"camera.distortion = {self.distortion.tolist()}: folds the image within its borders"
-            )
+            given = ", ".join(f"{one:.4g}" for one in self.distortion)
+            what = "folds the image, so that pixels share a ray; give smaller coefficients"
+            raise InputError(f"camera.distortion = [{given}]: {what}")
 
     def _rays(self, row: Float, col: Float) -> tuple[Float, Float]:
         x, y = self._normalised(row, col)

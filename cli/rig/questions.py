@@ -98,7 +98,7 @@ class Question:
 
 
 _ACUTE = Finite(min=0, max=90, min_open=True, max_open=True)
-_TURNED = "a degree costs 3 to 12 % of a height, but for what the mirror at rest takes off"
+_TURNED = "a degree changes heights by 3 to 12 %, most of which a capture at rest takes off"
 #: In the order in which they are asked.
 QUESTIONS: tuple[Question, ...] = (
     Question(

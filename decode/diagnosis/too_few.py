@@ -27,8 +27,8 @@ _AMPLE = 0.1
 #: Range of a pixel's levels over white from which on light is no cause, and the cure then.
 _BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
-    "their contrast is high: the display's gamma or lag, or the periods repeat on the pattern (add one as "
-    "wide as it, or bits), or other periods, shifts, steps or pixels of the pattern than described"
+    "light is no cause, contrast is high; likely the periods repeat on the pattern (add one as wide as it, "
+    "or bits), the display has gamma or lag, or periods, shifts, steps or pixels are not as described"
 )
 _EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.
