@@ -29,7 +29,7 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
     fullest channel to the emptiest while that makes fewer exposures. A whole fringe, a bit and its inverse,
     white and black stay in one channel, so that no gain of a channel comes between them. stripes: see
     Packing. The sequence `ramp` becomes 21 uniform pictures that measure the mix and the curves of the
-    channels. InputError for other frames.
+    channels. InputError for other frames, and for bits alone along u with stripes, which move their edges.
 
     >>> from optolever.patterns import sequence
     >>> grey = sequence("phase", 480, 640, periods=(36, 32.7, 30))
@@ -42,6 +42,10 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
         if frame.kind not in _PACKED:
             known = ", ".join(_PACKED)
             raise InputError(f"packed: kind {frame.kind!r} is shown in grey alone, colour takes {known}")
+    along_u = {frame.kind for frame in sequence.frames if frame.axis == "u"}
+    if stripes != "none" and along_u and "phase" not in along_u:
+        cure = "add fringes (gray+phase), or show grey"
+        raise InputError(f"packed: bits alone along u cannot be drawn for stripes {stripes}; {cure}")
     channels: list[list[list[int]]] = [[], [], []]
     for channel, index in _groups(sequence):
         channels[channel].append(index)

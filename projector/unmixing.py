@@ -6,7 +6,7 @@ estimates from the frames. Frames are in light: the display's curve stays in the
 
 A mosaic is read as quads, pixels of half the resolution: demosaicked pictures have colours that are none at
 2 x 2 pixels each. The planes of red and blue lie a quarter of a quad beside the quad's centre, and are moved
-there by a polynomial of eight places.
+there by a polynomial of twelve places.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Images = NDArray[np.uint8] | NDArray[np.uint16]
 #: Level of no light and levels of the light 1, with room for noise below and above; a saturated sample.
 _BASE, _SPAN, _TOP = 4096, 49152, 65535
 #: Places to each side by which a plane is moved.
-_TAPS = 4
+_TAPS = 6
 #: By how much the noise of pixels of odd and even rows and columns may differ; times the root of their
 #: number, six deviations; least noise per step that is no rounding, levels^2.
 _UNEVEN, _SURE, _ROUNDED = 0.15, 15.0, 6.0
@@ -198,7 +198,7 @@ def sites(mosaic: str) -> list[tuple[float, float]]:
 
 def moved(plane: Floats, by: tuple[float, float]) -> Floats:
     """Values at + by of a plane (H, W), by Lagrange's polynomial of 2 _TAPS places along each axis: of
-    fringes of 7 pixels to 0.0003. Beyond the border the plane continues odd: an even continuation shifts the
+    fringes of 7 pixels to 0.00001. Beyond the border the plane continues odd: an even continuation shifts the
     places at the mirror's edge, and tilts its height."""
     plane = np.pad(plane, _TAPS, mode="reflect", reflect_type="odd")
     for axis, shift in enumerate(by):
@@ -215,14 +215,14 @@ def _taps(shift: float) -> tuple[NDArray[np.int64], Floats]:
 
 
 def _wider(mosaic: str) -> float:
-    """Factor on sigma, 1.19: heights sum the slow part of the noise, which moving a plane keeps, while
-    neighbours show the rest, of which it keeps 0.7."""
+    """Factor on sigma, 1.15: heights sum the slow part of the noise, which moving a plane keeps, while
+    places show all of it, of which three quarters are kept."""
     gains = [np.prod([float(np.square(_taps(s)[1]).sum()) for s in site if s]) for site in sites(mosaic)]
     return float(1 / np.sqrt(min(gains)))
 
 
 def centred_harmonics(sequence: Sequence) -> Sequence:
-    """Fringes with the shift that their displayed levels have, on the mean of a fringe's steps.
+    """Fringes along u with the shift that their displayed levels have, on the mean of a fringe's steps.
 
     Four steps of a period of eight cells show the same eight levels again and again; where they are drawn for
     stripes a third of a cell aside, rounding them to 8 bits moves the fringe by 0.0016 cells.
@@ -230,14 +230,17 @@ def centred_harmonics(sequence: Sequence) -> Sequence:
     packing = sequence.packing
     if packing is None or packing.stripes == "none":
         return sequence
-    off: dict[tuple[str | None, float | None], list[float]] = {}
+    off: dict[float, list[float]] = {}
     for channel in range(3):
         for frame in sequence.channel(channel).frames:
-            if frame.kind == "phase":
-                off.setdefault((frame.axis, frame.period_px), []).append(_rounded_by(frame, sequence))
+            if (frame.kind, frame.axis) == ("phase", "u"):
+                off.setdefault(frame.period_px or 1.0, []).append(_rounded_by(frame, sequence))
+    if min(map(len, off.values()), default=0) < 3:
+        return sequence  # a look-up goes by displayed levels
+    more = {period: float(np.mean(shifts)) for period, shifts in off.items()}
     frames = tuple(
-        replace(frame, shift=(frame.shift or 0.0) + float(np.mean(off[frame.axis, frame.period_px])))
-        if frame.kind == "phase"
+        replace(frame, shift=(frame.shift or 0.0) + more[frame.period_px or 1.0])
+        if (frame.kind, frame.axis) == ("phase", "u")
         else frame
         for frame in sequence.frames
     )
@@ -245,8 +248,8 @@ def centred_harmonics(sequence: Sequence) -> Sequence:
 
 
 def _rounded_by(frame: Frame, surface: Sequence) -> float:
-    """Radians by which the shift of a fringe's displayed levels exceeds its own, by least squares."""
-    levels = frame.tables(surface.rows, surface.cols)[0 if frame.axis == "u" else 1]
+    """Radians by which the shift of a fringe's displayed levels along u exceeds its own, by least squares."""
+    levels = frame.tables(surface.rows, surface.cols)[0]
     angle = 2 * np.pi * np.arange(len(levels)) / (frame.period_px or 1.0) - (frame.shift or 0.0)
     waves = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     _, c, s = np.linalg.lstsq(waves, levels.astype(np.float64), rcond=None)[0]

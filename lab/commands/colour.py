@@ -5,7 +5,7 @@ from typing import Annotated
 import click
 
 from optolever.cli.arguments import Opt, Shape, program
-from optolever.cli.options import Json
+from optolever.cli.options import Json, preset
 from optolever.cli.printing import grid, progress, write_json
 
 __all__ = ["command"]
@@ -23,6 +23,7 @@ phase:periods=9/10/11  nominal    8          92 nm   1.2        0.92        0.9 
 def command(
     seeds: Annotated[int, Opt("--seeds N", "Captures of every kind.", click.IntRange(1))] = 4,
     size: Annotated[tuple[int, int], Opt("--pixels WIDTHxHEIGHT", "Of the camera.", Shape(8))] = (240, 320),
+    scene: Annotated[str, preset()] = "prism48",
     json_path: Json = None,
 ) -> None:
     """Errors by three patterns in a picture, over the same in grey with three times the pictures.
@@ -37,7 +38,7 @@ def command(
         for text in ("phase:periods=9/10/11", "gray+phase"):
             for name, case in CASES.items():
                 step(f"{text}, {name}")
-                grey, found = (compared(text, case, seeds, size, colour) for colour in (False, True))
+                grey, found = (compared(text, case, seeds, size, colour, scene) for colour in (False, True))
                 figures = found.height_nm / grey.height_nm, found.places, found.heights, grey.heights
                 rows.append(
                     [text, name, str(found.exposures), f"{found.height_nm:.3g} nm"]
@@ -48,5 +49,5 @@ def command(
                 numbers.append({"sequence": text, "case": name, **both})
     errors = ("height", "over grey", "places", "heights", "grey's", "> 5", "good", "named")
     head = ("sequence", "case", "exposures", *errors)
-    grid("Heights of a dent on prism48", head, rows)
-    write_json(json_path, {"seeds": seeds, "size": list(size), "figures": numbers})
+    grid(f"Heights of a dent on {scene}", head, rows)
+    write_json(json_path, {"seeds": seeds, "scene": scene, "size": list(size), "figures": numbers})

@@ -23,7 +23,7 @@ from optolever.projector import (
     capture_colour,
 )
 from optolever.reconstruct import reconstruct
-from optolever.scene import Display, dent_from_text, load, resize, trace
+from optolever.scene import Display, Scene, dent_from_text, load, resize, trace
 
 __all__ = ["CASES", "Case", "Compared", "compared"]
 
@@ -68,9 +68,11 @@ class Compared(NamedTuple):
     named: bool
 
 
-def compared(text: str, case: Case, seeds: int, size: tuple[int, int], colour: bool) -> Compared:
-    """Root mean squares over captures of a dent on prism48; shares are means."""
-    runs = list(_runs(text, case, seeds, size, colour))
+def compared(
+    text: str, case: Case, seeds: int, size: tuple[int, int], colour: bool, rig: str = "prism48"
+) -> Compared:
+    """Root mean squares over captures of a preset's dent; shares are means."""
+    runs = list(_runs(text, case, seeds, resize(load(rig, exact=True), *size), colour))
     every = np.array([run[1:6] for run in runs], np.float64)
     height, places, heights = np.sqrt(np.mean(np.square(every[:, :3]), axis=0)).tolist()
     beyond, good = every[:, 3:].mean(axis=0).tolist()
@@ -78,8 +80,7 @@ def compared(text: str, case: Case, seeds: int, size: tuple[int, int], colour: b
     return Compared(runs[0].exposures, height, places, heights, beyond, good, named)
 
 
-def _runs(text: str, case: Case, seeds: int, size: tuple[int, int], colour: bool) -> Iterator[Compared]:
-    scene = resize(load("prism48", exact=True), *size)
+def _runs(text: str, case: Case, seeds: int, scene: Scene, colour: bool) -> Iterator[Compared]:
     stripes = None if case.stripes == "none" or not colour else case.stripes
     clean = replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mosaic=case.mosaic if colour else None)
     display = None if case.gamma is None else Display(gamma=case.gamma)

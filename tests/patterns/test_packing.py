@@ -27,7 +27,8 @@ COUNTS = {
 
 
 def _packed(text: str) -> tuple[Sequence, np.ndarray]:
-    shown = packed(sequence_from_text(text, 747, 750), "rgb")
+    grey = sequence_from_text(text, 747, 750)
+    shown = packed(grey, "rgb" if any(frame.kind == "phase" for frame in grey) else "none")
     assert shown.packing is not None
     return shown, np.array(shown.packing.exposures)
 
@@ -132,3 +133,5 @@ def test_a_packing_shows_the_frames_that_there_are() -> None:
             Sequence(grey.frames, 6, 8, packing=Packing(exposures))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="stripes is 'grb'"):
         packed(grey, "grb")
+    with pytest.raises(InputError, match=r"bits alone along u .* add fringes"):
+        packed(sequence_from_text("gray", 60, 80), "bgr")

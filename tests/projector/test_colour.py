@@ -98,8 +98,8 @@ def test_raw_mosaics_are_read_at_the_centres_of_their_quads(mosaic: str) -> None
     for axis in "uv":
         error, sigma = _off(found, scene, axis)
         assert abs(error.mean()) < 0.001
-        # heights sum the slow part of the noise, of which places show 0.7
-        assert 0.65 < np.sqrt(np.median((error / sigma) ** 2) / 0.4549) < 1.0
+        # heights sum the slow part of the noise, of which places show three quarters
+        assert 0.7 < np.sqrt(np.median((error / sigma) ** 2) / 0.4549) < 1.0
 
 
 def test_the_virtual_sensor_takes_the_pictures_of_the_other_renderer() -> None:
@@ -181,7 +181,7 @@ def test_unmixing_is_the_inverse_of_any_mix() -> None:
 
 
 @pytest.mark.parametrize("mosaic", MOSAICS)
-def test_planes_are_moved_by_an_eighth_of_a_percent_of_a_fringe(mosaic: str) -> None:
+def test_planes_are_moved_to_the_centres_of_quads(mosaic: str) -> None:
     """A fringe of seven quads, sampled at each colour's sites, is that of the quads' centres."""
     y, x = np.mgrid[:64, :72]
 
@@ -195,7 +195,7 @@ def test_planes_are_moved_by_an_eighth_of_a_percent_of_a_fringe(mosaic: str) -> 
     for channel, site in enumerate(sites(mosaic)):
         if channel != 1:  # two greens are averaged: their mean is at the centre
             found = moved(planes[..., channel], site)
-            assert np.abs(found - centres)[6:-6, 6:-6].max() < 0.001
+            assert np.abs(found - centres)[8:-8, 8:-8].max() < 1e-4
 
 
 def test_demosaicked_pictures_are_refused_and_planes_are_not() -> None:
