@@ -8,14 +8,17 @@ than by its scatter.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optolever.errors import InputError
+from optolever.files import plain
 from optolever.projector import ColourCapture, ColourResponse, quads
 from optolever.scene import rig_table, write_sections
+from optolever.schema import built
 
 __all__ = ["load_colours", "measure_colours", "store_colours"]
 
@@ -87,10 +90,18 @@ def fitted(shown: Floats, seen: Floats, mosaic: str | None = None) -> ColourResp
 
 def store_colours(rig: str | Path, found: ColourResponse) -> None:
     """Write the response into [colour] of the rig's TOML."""
-    write_sections(rig, {"colour": found.to_dict()})
+    values = {field.name: getattr(found, field.name) for field in fields(found)}
+    write_sections(rig, {"colour": {name: plain(one) for name, one in values.items() if one is not None}})
 
 
 def load_colours(rig: str | Path) -> ColourResponse | None:
     """The response in [colour] of a rig's TOML; None where it has none. InputError names file and field."""
-    section = rig_table(rig).get("colour")
-    return None if section is None else ColourResponse.from_dict(section, str(rig))
+    section, where = rig_table(rig).get("colour"), f"{rig}: [colour]"
+    if section is None:
+        return None
+    try:
+        values = {name: np.array(one) if isinstance(one, list) else one for name, one in section.items()}
+        found: ColourResponse = built(ColourResponse, values, "colour")
+    except (InputError, AttributeError, ValueError) as error:
+        raise InputError(f"{where}: {error}; measure it again: optolever response --colour") from error
+    return found

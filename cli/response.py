@@ -91,7 +91,8 @@ def _colours(ramp: Path, rig: Path, mosaic: str | None, json_path: Path | None) 
         step("write")
         with ol.files.together():
             ol.calibration.store_colours(rig, found)
-            write_json(json_path, found.to_dict())
+            numbers = ("mix", "mix_sigma", "dark", "misfit", "leak")
+            write_json(json_path, {name: getattr(found, name) for name in numbers})
     white = found.mix.sum(axis=1)
     shares = 100 * found.mix / white[:, None]
     rows = {

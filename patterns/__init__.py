@@ -13,7 +13,7 @@
 Pattern coordinates: u along columns, v along rows, integer = pixel centre.
 """
 
-from .channels import CHANNEL_NAMES, STRIPES, Packing
+from .channels import STRIPES, Packing
 from .codes import BINARY_CODES, bits_for, code_words
 from .frame import KINDS, Frame, frame_tables, lattice_lines
 from .named import sequence, sequence_from_text, sequence_names, sequence_parameters
@@ -21,7 +21,7 @@ from .packing import packed
 from .sequence import Sequence
 
 __all__ = [
-    "BINARY_CODES", "CHANNEL_NAMES", "KINDS", "STRIPES", "Frame", "Packing", "Sequence", "bits_for",
+    "BINARY_CODES", "KINDS", "STRIPES", "Frame", "Packing", "Sequence", "bits_for",
     "code_words", "frame_tables", "lattice_lines", "packed", "sequence", "sequence_from_text",
     "sequence_names", "sequence_parameters",
 ]  # fmt: skip

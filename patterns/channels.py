@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from optolever.errors import InputError
-from optolever.numbers import whole
+from optolever.schema import from_table
 
 from .frame import Frame
 
-__all__ = ["CHANNEL_NAMES", "STRIPES", "Packing", "at_stripe"]
+__all__ = ["STRIPES", "Packing", "at_stripe"]
 
-#: Channels in the order of a picture's.
-CHANNEL_NAMES = ("red", "green", "blue")
 #: Centres along u of a cell's red, green and blue part, cells from the cell's centre, by their order.
 STRIPES = {"rgb": (-1 / 3, 0.0, 1 / 3), "bgr": (1 / 3, 0.0, -1 / 3), "none": (0.0, 0.0, 0.0)}
 _TURN = 6.283185307179586
@@ -39,10 +37,8 @@ class Packing:
         if self.stripes not in STRIPES:
             raise InputError(f"packing: stripes is {self.stripes!r}, must be one of {', '.join(STRIPES)}")
         for k, own in enumerate(self.exposures):
-            if not isinstance(own, list | tuple) or len(own) != len(CHANNEL_NAMES):
+            if len(own) != 3:
                 raise InputError(f"packing: exposure {k} is {own!r}, must be three numbers of frames")
-        found = tuple(tuple(whole("packing: frame", i) for i in own) for own in self.exposures)
-        object.__setattr__(self, "exposures", found)
 
     def require(self, count: int) -> None:
         """InputError unless the exposures show each of `count` frames."""
@@ -61,12 +57,7 @@ class Packing:
         """Inverse of to_dict; InputError names `where`."""
         if not isinstance(plain, Mapping) or set(plain) != {"stripes", "exposures"}:
             raise InputError(f"{where}: packing must be a table of stripes and exposures")
-        if not isinstance(plain["exposures"], list | tuple) or not plain["exposures"]:
-            raise InputError(f"{where}: packing: exposures must be a list of three numbers each")
-        try:
-            return cls(tuple(plain["exposures"]), plain["stripes"])
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from error
+        return from_table(cls, plain, f"{where}: packing")
 
 
 def at_stripe(frame: Frame, channel: int, stripes: str) -> Frame:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.files import atomic_folder
-from optolever.patterns import Packing, Sequence
+from optolever.patterns import Sequence
 from optolever.pictures import is_lossy, read_pictures
 from optolever.scene import Scene, Trace, load
+from optolever.schema import from_table
 from optolever.toml import read_toml
 
 from .capture import Capture
@@ -36,7 +38,6 @@ __all__ = ["ColourCapture", "in_colour", "load_capture"]
 
 _DESCRIPTION, _SCENE = "capture.toml", "scene.toml"
 _HEAD = ("name", "rows", "cols", "nominal")
-_KEYS = {"version", "bits", "colour", "images", "frames", *_HEAD}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,33 +127,48 @@ def load_capture(
     return taken.unmixed(colours)
 
 
+@dataclass(frozen=True, slots=True)
+class _Colour:
+    stripes: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Image:
+    frames: tuple[int, int, int]
+    file: str | None = None
+    time: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Description:
+    version: int
+    rows: Any
+    cols: Any
+    colour: _Colour
+    images: tuple[_Image, ...]
+    frames: Any
+    bits: int | None = None
+    name: Any = "custom"
+    nominal: Any = False
+
+
 def _read(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, int | None]:
     """Sequence, file of each picture (none: it names no files), times or None, bits or None."""
-    plain = read_toml(path)
-    for key in plain:
-        if key not in _KEYS:
-            raise InputError(f"{path}: unknown field {key!r}, known are {', '.join(sorted(_KEYS))}")
-    if plain.get("version") != COLOURED_VERSION:
-        raise InputError(f"{path}: version is {plain.get('version')!r}, must be {COLOURED_VERSION}")
-    bits, colour, tables = plain.get("bits"), plain.get("colour"), plain.get("images")
-    if bits is not None and (not isinstance(bits, int) or not 8 <= bits <= 16):
-        raise InputError(f"{path}: bits is {bits!r}, must be a whole number from 8 to 16")
-    if not isinstance(colour, dict) or set(colour) != {"stripes"}:
-        raise InputError(f"{path}: colour is {colour!r}, must be a table of stripes = rgb, bgr or none")
-    if not isinstance(tables, list) or not tables or not all(isinstance(one, dict) for one in tables):
-        raise InputError(f"{path}: images is {tables!r:.40}, must be at least one [[images]] table")
-    files = [table["file"] for table in tables if "file" in table]
-    times = [table["time"] for table in tables if "time" in table]
-    for name, found, kind in (("file", files, str), ("time", times, (int, float))):
-        if found and (len(found) != len(tables) or not all(isinstance(one, kind) for one in found)):
+    table = read_toml(path)
+    found = from_table(_Description, table, str(path))
+    if found.version != COLOURED_VERSION:
+        raise InputError(f"{path}: version is {found.version}, must be {COLOURED_VERSION}")
+    if found.bits is not None and not 8 <= found.bits <= 16:
+        raise InputError(f"{path}: bits is {found.bits}, must be a whole number from 8 to 16")
+    files = [image.file for image in found.images if image.file is not None]
+    times = [image.time for image in found.images if image.time is not None]
+    for name, own in (("file", files), ("time", times)):
+        if own and len(own) != len(found.images):
             raise InputError(f"{path}: images: {name} must be in every table or in none")
     for file in files:
         if Path(file).is_absolute() or ".." in Path(file).parts:
             raise InputError(f"{path}: file is {file!r}, must lie inside the capture's folder")
-    try:
-        packing = Packing(tuple(table.get("frames", ()) for table in tables), colour["stripes"])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    outer = {key: plain[key] for key in (*_HEAD, "frames") if key in plain}
-    sequence = Sequence.from_dict({**outer, "packing": packing.to_dict()}, str(path))
-    return sequence, files, np.array(times, np.float64) if times else None, bits
+    packing = {"stripes": found.colour.stripes, "exposures": [list(one.frames) for one in found.images]}
+    outer = {key: table[key] for key in (*_HEAD, "frames") if key in table}
+    sequence = Sequence.from_dict({**outer, "packing": packing}, str(path))
+    return sequence, files, np.array(times, np.float64) if times else None, found.bits

@@ -11,9 +11,8 @@ there by a polynomial of twelve places.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from scipy.ndimage import correlate1d, maximum_filter
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
 from optolever.scene import MOSAICS
+from optolever.schema import require_shapes
 
 from .capture import Capture
 
@@ -47,49 +47,25 @@ class ColourResponse:
     levels (K,) of the display and their light (3, K) of each channel, 0 to 1; mosaic: one of MOSAICS, of raw
     pictures, None: three values in every pixel."""
 
-    dark: Floats
-    mix: Floats
-    mix_sigma: Floats
+    dark: Annotated[Floats, "3"]
+    mix: Annotated[Floats, "3 3"]
+    mix_sigma: Annotated[Floats, "3 3"]
     misfit: float
-    levels: Floats
-    light: Floats
+    levels: Annotated[Floats, "K"]
+    light: Annotated[Floats, "3 K"]
     mosaic: str | None = None
 
     def __post_init__(self) -> None:
-        shapes = {"dark": (3,), "mix": (3, 3), "mix_sigma": (3, 3), "levels": None, "light": None}
-        for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name), np.float64)
-            wanted = shape or ((3,) if name == "light" else ()) + (len(self.levels),)
-            if value.shape != wanted or not np.isfinite(value).all():
-                raise InputError(f"colour: {name} has shape {value.shape}, must be finite {wanted}")
-            object.__setattr__(self, name, value)
+        require_shapes(self)
         if not np.linalg.cond(self.mix) < _WORST:
             raise InputError(f"colour: mix is {self.mix.tolist()}, its channels cannot be told apart")
-        if self.mosaic is not None and self.mosaic not in MOSAICS:
+        if self.mosaic not in (None, *MOSAICS):
             raise InputError(f"colour: mosaic is {self.mosaic!r}, must be one of {', '.join(MOSAICS)}")
 
     @property
     def leak(self) -> float:
         """Standard deviation of a channel's share that remains in another, of its white."""
         return float(np.sqrt(np.mean(self.mix_sigma**2)) / self.mix.sum(axis=1).mean())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain TOML types."""
-        names = ("dark", "mix", "mix_sigma", "levels", "light")
-        more = {} if self.mosaic is None else {"mosaic": self.mosaic}
-        return {"misfit": self.misfit, **{name: getattr(self, name).tolist() for name in names}, **more}
-
-    @classmethod
-    def from_dict(cls, plain: Any, where: str) -> ColourResponse:
-        """Inverse of to_dict. InputError names `where`."""
-        names = {"dark", "mix", "mix_sigma", "misfit", "levels", "light"}
-        if not isinstance(plain, Mapping) or set(plain) - {"mosaic"} != names:
-            raise InputError(f"{where}: [colour] must have {', '.join(sorted(names))}: optolever response")
-        try:
-            arrays = {name: np.array(plain[name], np.float64) for name in names - {"misfit"}}
-            return cls(**arrays, misfit=float(plain["misfit"]), mosaic=plain.get("mosaic"))
-        except (InputError, TypeError, ValueError) as error:
-            raise InputError(f"{where}: [colour]: {error}") from error
 
 
 def unmixed(
