@@ -41,14 +41,15 @@ _LIVE = (
 def write_page(folder: Path, parts: Iterable[str], progress: Progress = silent) -> Path:
     """Measure, and write sections of benchmarks.md and its charts into a folder; the page's path. All: half
     an hour."""
-    path = folder / "benchmarks.md"
-    head, *old = path.read_text("utf-8").rstrip().split("\n## ")
-    sections = {text.partition("\n")[0]: text for text in old}
     chosen = [(name, *PARTS[name]) for name in PARTS if name in parts]
+    made = dict[str, str]()
     for done, (name, title, part) in enumerate(chosen):
         progress(name, done, len(chosen))
         with environment({} if part is _batch else ONE_THREAD):
-            sections[title] = "\n".join([title, "", *part(folder), ""])
+            made[title] = "\n".join([title, "", *part(folder), ""])
+    path = folder / "benchmarks.md"
+    head, *old = path.read_text("utf-8").rstrip().split("\n## ")
+    sections = {text.partition("\n")[0]: text for text in old} | made
     path.write_text("\n## ".join([head, *sections.values()]) + "\n", "utf-8")
     progress("", len(chosen), len(chosen))
     return path
