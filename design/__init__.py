@@ -15,11 +15,11 @@ from .chart import Panel, condition_panels, write_tradeoff_chart
 from .measuring_range import SensorMaps, sensor_maps
 from .ranking import Design, merit, run_design
 from .sensitivity import Lever, Simulation
-from .tradeoff import Tradeoff, compare_codes, frame_rate, row_of, simulated, write_tradeoff_csv
+from .tradeoff import LEAST_SHARE, Tradeoff, compare_codes, frame_rate, row_of, simulated, write_tradeoff_csv
 from .view import predict, view_of
 
 __all__ = [
-    "Candidate", "Design", "Lever", "Panel", "SensorMaps", "Simulation", "Tradeoff",
+    "LEAST_SHARE", "Candidate", "Design", "Lever", "Panel", "SensorMaps", "Simulation", "Tradeoff",
     "candidates", "compare_codes", "condition_panels", "frame_rate", "ladder", "merit", "predict",
     "row_of", "run_design", "sensor_maps", "simulated", "user_candidate", "view_of",
     "write_tradeoff_chart", "write_tradeoff_csv",

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from optolever.blocks import ONE_THREAD
 from optolever.cli.printing import number
-from optolever.design import Tradeoff
+from optolever.design import LEAST_SHARE, Tradeoff
 from optolever.processes import environment
+from optolever.quantities import quantity
 from optolever.records import Progress, silent
 
 from ..live.figures import LiveRow, live_rows
@@ -72,7 +73,7 @@ def _codes(folder: Path) -> Iterator[str]:
         yield from _table(
             ("code", "pictures", "CPU time", *of),
             (
-                (name, str(row.frames), _seconds(row), *(_nm(each[name][1]) for each in of.values()))
+                (name, str(row.frames), _seconds(row), *(_error(each[name][1]) for each in of.values()))
                 for name, (_, row) in first.items()
             ),
         )
@@ -86,8 +87,10 @@ def _seconds(row: Tradeoff) -> str:
     return f"{row.cpu_seconds:.2f} ± {row.cpu_spread:.2f} s"
 
 
-def _nm(row: Tradeoff) -> str:
-    return row.why or f"{1e6 * row.simulated:.3g} ± {1e6 * row.spread:.1g} nm ({row.ratio:.2f})"
+def _error(row: Tradeoff) -> str:
+    if not row.share >= LEAST_SHARE:
+        return "no height"
+    return f"{quantity(row.simulated, 'mm', row.spread, size=1e-6)} ({row.ratio:.2f})"
 
 
 def _decode(_: Path) -> Iterator[str]:
