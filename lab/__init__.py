@@ -9,6 +9,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `figures.py` | run_figures: the demo and its error bars |
 | - `decode_speed.py` | the decoder's speed |
 | - `peers.py` | other decoders on the same frames: fringes, OpenCV |
+| - `chart.py` | error of codes against pictures and CPU time: two rigs, three conditions |
 | - `solver_figures.py`, `solver_bound.py` | the solver's time; the bound of its errors |
 | - `ideal.py` | codes by their definitions |
 | - `batch.py` | many captures: two processes beside one |
