@@ -7,7 +7,6 @@
 | `observation.py` | a capture of a target, checks, the pixels that the adjustment uses |
 | `contact.py` | the contact of a pressed ball with the mirror |
 | `priors.py` | priors of a scene's parameters: free, fixed, or known with a sigma; the gauge |
-| `model.py` | ray tracing of pixels by a target to the pattern |
 | `adjust.py` | the bundle adjustment and its covariance |
 | `initial_pose.py` | closed-form start values, in open air |
 | `judgement.py` | contribution of each capture to the accuracy |
@@ -16,10 +15,9 @@
 | `mix.py` | mix and curves of the channels of display and camera, stored with the rig |
 | `error_budget.py` | the independent errors behind the covariance |
 | `observability.py` | singular values in prior units, notices |
-| `effects.py` | errors of heights and depths by errors of the parameters |
 | `typed_faults.py` | typed numbers that contradict the camera |
 | `weights.py` | the modulus of an elastic layer by known weights |
-| `predicted.py` | sigma of a rig at rest and of a dent, before any capture |
+| `predicted.py` | sigma of a rig at rest and of a dent, before any capture; by errors of the parameters |
 """
 
 from .calibrate import Calibration, calibrate, left_out

@@ -2,7 +2,8 @@
 
 Residuals (model - (u, v))/sigma on every capture's sample, and one row (value - mean)/sigma for every prior;
 dense, by `scipy.optimize.least_squares`. Covariance C = max(1, chi)^2 (J^T J)^-1, plus the scatter of
-other plausible minima (`among`).
+other plausible minima (`among`). Rays are reflected at a target of known form: first intersection with
+z = h(x, y) by Newton's method, no edges; checked against `scene.trace`, which brackets it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,13 +17,15 @@ from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.scene import Scene, adjusted, parameter_values
 
-from .model import rays_of, reflected
 from .observation import Sample
+from .targets import Shape
 
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
 
 Rays = tuple[Floats, Floats]
 
+_STEPS = 12
+_SETTLED = 1e-11  # mm
 _LOST = 1e4  # residual of a pixel whose ray misses the pattern
 _LARGEST = 1e8  # residual
 # Steps of forward differences: the root of the rounding error. Larger steps err by the curvature, which
@@ -255,3 +258,25 @@ def among(found: Adjustment, minima: Sequence[Adjustment]) -> Adjustment:
 def step_of(name: str) -> float:
     """Step of finite differences by a parameter."""
     return _TINY.get(name.rpartition(".")[2], _SMALL)
+
+
+def rays_of(scene: Scene, row: Floats, col: Floats) -> tuple[Floats, Floats]:
+    """Origins and directions (3, n) of the rays of a scene's pixels."""
+    origins, directions = scene.camera.rays_at(row, col)
+    return np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
+
+
+def reflected(rays: tuple[Floats, Floats], shape: Shape) -> tuple[Floats, Floats]:
+    """Points (3, n) on the mirror, mm, and directions (3, n) from there to the pattern."""
+    o, d = rays
+    t = -o[2] / d[2]
+    for _ in range(_STEPS):
+        x, y, z = o + t * d
+        h, hx, hy = shape(x, y)
+        fall = d[2] - hx * d[0] - hy * d[1]
+        step = (z - h) / fall
+        t = t - step
+        if not (np.abs(step) >= _SETTLED).any():
+            break
+    twice = 2 * fall / (1 + hx * hx + hy * hy)
+    return o + t * d, np.stack([d[0] + twice * hx, d[1] + twice * hy, d[2] - twice])

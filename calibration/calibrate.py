@@ -18,11 +18,11 @@ from optolever.notices import Notice
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
-from .effects import Effects, effects
 from .error_budget import error_sources
 from .initial_pose import open_air_start
 from .observability import MOST_CHI, Direction, beyond_priors, directions, notices
 from .observation import Observation, Sample, against_rest, checked, frame_of, sampled
+from .predicted import Effects, effects
 from .priors import GAUGE, is_pose, resolved
 from .targets import Ball, Flat, Plate, Rest
 

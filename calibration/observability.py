@@ -14,8 +14,8 @@ from optolever.arrays import Floats
 from optolever.notices import Notice
 
 from .adjust import Adjustment
-from .effects import Effects
 from .observation import Observation
+from .predicted import Effects
 from .priors import GAUGE, MEANING, plausible
 from .targets import Ball, Flat, Plate, Rest
 

@@ -1,15 +1,20 @@
-"""What a rig would measure: exact places of a known surface, with the rig's errors, on a small image."""
+"""What a rig would measure: exact places of a known surface, with the rig's errors, on a small image; errors
+of heights and of the depth of a dent by errors of the rig's parameters."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.reconstruct import HeightMap, PixelAnchor, budget, exact_correspondence, reconstruct
-from optolever.scene import Scene, Surface, dent, resize, trace
+from optolever.scene import Covariance, Scene, Surface, dent, resize, trace
 
 __all__ = [
-    "PREDICTED_DEPTH", "PREDICTED_NOISE", "predicted_budget", "predicted_maps", "sigma_at_rest",
+    "PREDICTED_DEPTH", "PREDICTED_NOISE", "Effects", "effects", "predicted_budget", "predicted_maps",
+    "sigma_at_rest",
 ]  # fmt: skip
 
 _LINES = 60  # rows of the image
@@ -36,6 +41,43 @@ def predicted_maps(scene: Scene) -> tuple[Scene, HeightMap, HeightMap]:
 def predicted_budget(scene: Scene) -> dict[str, dict[str, float]]:
     """Uncertainty of a dent in the middle of the mirror by source, see `reconstruct.budget`."""
     return budget(*predicted_maps(scene)[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Effects:
+    """Derivatives by the p unknowns of an adjustment: heights (p, n) in n pixels, and depth (p,) of a dent of
+    `peak` mm relative to the mirror at rest; mm per unit of the unknown."""
+
+    heights: Floats
+    depth: Floats
+    peak: float
+
+    def sigmas(self, covariance: Floats) -> tuple[float, float]:
+        """Sigma of a height (median over the mirror) and of the depth (mm), by the unknowns' covariance."""
+        variance = np.einsum("pn,pq,qn->n", self.heights, covariance, self.heights)
+        heights = np.sqrt(np.maximum(variance, 0.0))  # rounding may leave -1e-20
+        return float(np.median(heights)), float(np.sqrt(self.depth @ covariance @ self.depth))
+
+
+def effects(scene: Scene, by: Floats) -> Effects:
+    """Effects for a scene with a covariance; by (q, p): derivatives of its parameters by the unknowns. Each
+    parameter is perturbed alone, by its sigma."""
+    assert scene.covariance is not None
+    own = np.diag(scene.covariance.matrix)
+    alone = Covariance(scene.covariance.names, np.diag(own))
+    small, height, rest = predicted_maps(replace(scene, covariance=alone))
+    assert small.covariance is not None
+    assert height.calibration is not None
+    assert rest.calibration is not None
+    unit = np.sqrt(np.diag(small.covariance.matrix) / own)  # of the small scene's numbers
+    by_mode = by.T @ (unit[:, None] * np.linalg.pinv(small.covariance.root))
+    both = height.good & rest.good
+    if not both.any():
+        raise InputError("calibration: the adjusted rig sees no mirror; are the captures of their targets?")
+    depth = (height.calibration - rest.calibration)[:, both]
+    change = (height.z - rest.z)[both]
+    deepest = int(np.argmax(change))
+    return Effects(by_mode @ height.calibration[:, both], by_mode @ depth[:, deepest], float(change[deepest]))
 
 
 def _coarse(scene: Scene) -> Scene:

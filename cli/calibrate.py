@@ -19,7 +19,7 @@ from .arguments import Arg, Opt, Rare, program
 from .options import Json, RigFile, Size, correspondence_of, load_scene, name_unused, preset
 from .outputs import OutputFile
 from .printing import grid, number, print_notices, progress, table, write_json
-from .rig.targets import Calibrate, answer_at, capture_targets, so_far_text
+from .rig.target_captures import Calibrate, answer_at, capture_targets, so_far_text
 
 #: Sections of a rig's file that stay as they are, and the reason.
 _UNUSED = {

@@ -14,16 +14,16 @@
 | `rig/` | errors of the rig in the height; a rest capture as reference; explain(): mistakes in a scene |
 | `integrate.py` | integrate(): plain gradient fields |
 | `outputs/` | a regular grid, slopes, curvature, files |
-| `load.py`, `contacts.py` | sag and motion taken off a map less rest; its contacts |
+| `load.py` | sag and motion taken off a map less rest; its contacts |
 """
 
 from optolever.contact import Contact
 
-from .contacts import contacts
 from .coupled import map_at_rest, reconstruct
 from .exact import exact_correspondence
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate
+from .load import contacts
 from .outputs.curvature import CurvatureMap, curvature_map
 from .outputs.resampling import GRID_FORMATS, Grid
 from .outputs.slope_map import SlopeMap, slope_map, with_slope_noise

@@ -3,7 +3,7 @@
 An anchor counts as at rest, where a load makes it sink; a rig that moved between both captures moves heights.
 Both are fitted outside the contacts (`optolever.contact.load_fit`) and taken off. Where the fit leaves much
 more than noise, the load is none of a half-space or layer, or the mirror changed as a whole: then nothing is
-taken off, and all of it is in the map's modes.
+taken off, and all of it is in the map's modes. Contacts of a map without rest: less the same fit.
 """
 
 from dataclasses import replace
@@ -12,17 +12,18 @@ import numpy as np
 
 from optolever.arrays import Floats
 from optolever.blocks import blas_on_one
-from optolever.contact import Surface, load_fit
+from optolever.contact import Contact, Surface, elastic_fits, load_fit, regions
+from optolever.contact import contacts as figures
 from optolever.notices import Judged
-from optolever.scene import Scene
+from optolever.scene import Layer, Scene
 
-from .heightmap import REST_NOISE, HeightMap
+from .heightmap import REST_NOISE, HeightFlag, HeightMap
 from .outputs.coarse_modes import coarse_step, filled
 from .problem import Problem
 from .solver.newton import State
 from .uncertainty.sources import anchor_response
 
-__all__ = ["SAG", "free_mode", "less_sag", "surface_of"]
+__all__ = ["SAG", "contacts", "free_mode", "less_sag", "surface_of"]
 
 SAG = "sag under the load, motion since rest"
 _MISFIT = 6.0  # noises: half-spaces, layers and dents that fade leave 5, a body that bulges 8
@@ -133,3 +134,24 @@ def _with_own(height: HeightMap, modes: Floats, step: int, of_rest: Floats | Non
         displacement=moves,
         own=own,
     )
+
+
+def contacts(height: HeightMap, layer: Layer | None = None) -> tuple[Contact, ...]:
+    """Contacts, the deepest first: cells deeper than half of a peak that rises above the surface at rest by
+    six standard deviations; last those whose depth is below three of its own (at a hole, or by the rig's
+    errors); layer: elastic, for the forces.
+
+    In a map without a rest capture, errors of the rig that show in most of the map are removed first. Only
+    pixels without a flag, or with STEEP alone, are used.
+    """
+    usable = (height.flags & ~np.uint16(HeightFlag.STEEP)) == 0
+    usable &= np.isfinite(height.z) & np.isfinite(height.sigma)
+    if not usable.any():
+        return ()
+    surface = replace(surface_of(height, height.free), good=usable)
+    if not height.against_rest and (height.count or height.free is not None):
+        surface = replace(surface, motions=height.count)
+        found = load_fit(surface, layer, solid=height.free is None)
+        surface = surface if found is None else surface.less(found)
+    dents = regions(surface)
+    return figures(surface, dents, layer, elastic_fits(surface, dents, layer))

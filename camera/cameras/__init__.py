@@ -8,12 +8,10 @@
 | `webcam.py`, `pixel_formats.py` | what webcams have in common; packed pixels |
 | `pylon.py` | Basler's cameras by pypylon |
 | `opencv.py` | streams of network cameras, and films |
-| `still.py` | the images of a capture as a camera, with the display that it looks at |
-| `recorded.py` | a recording as a camera, its display and its clock |
+| `stand_ins.py` | the images of a capture, or a recording, as a camera with its display |
 """
 
 from .addresses import find_cameras, open_camera
-from .recorded import Replay
-from .still import StillCamera
+from .stand_ins import Replay, StillCamera
 
 __all__ = ["Replay", "StillCamera", "find_cameras", "open_camera"]

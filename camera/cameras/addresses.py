@@ -37,11 +37,11 @@ def open_camera(address: str) -> Camera:
     if kind == "folder" and name:
         from optolever.projector import Capture
 
-        from .still import StillCamera
+        from .stand_ins import StillCamera
 
         return StillCamera(Capture.load(name), Identity("folder", name, "", address))
     if kind == "replay" and name:
-        from .recorded import Replay
+        from .stand_ins import Replay
 
         return Replay(Path(name))
     if kind not in _BACKENDS or not name:

@@ -4,8 +4,8 @@
 - `start`: the walk from a camera to a live height; `start_steps`: its steps; `start_front`: who asks, on the
   terminal; `start_page`: on a page; `views`: pictures to aim by
 - `expose`, `sync`: `camera expose`, `camera sync`
-- `opened`: the devices of a rig opened; `recorded_capture`: a capture by them; `targets`: captures of targets
-  for `calibrate`, of rest and frames for `live`
+- `opened`: the devices of a rig opened; `recorded_capture`: a capture by them; `target_captures`: captures
+  of targets for `calibrate`, of rest and frames for `live`
 """
 
 #: Inside of cli its files are imported one by one: none of their names is public.

@@ -18,7 +18,7 @@ from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, scene_of, 
 from .recorded_capture import capture_now, capture_rest
 from .start_front import Front, GoTo
 from .sync import synchronised
-from .targets import capture_targets
+from .target_captures import capture_targets
 from .views import sheet_on, views_of
 
 __all__ = ["STEPS", "Begun", "require_devices"]

@@ -22,8 +22,7 @@ from optolever.calibration import (
     left_out,
     unused_accuracy,
 )
-from optolever.calibration.adjust import adjust
-from optolever.calibration.model import rays_of, reflected
+from optolever.calibration.adjust import adjust, rays_of, reflected
 from optolever.scene import TYPED, Accuracy, Covariance, load, parameter_changes, parameter_values, trace
 
 

@@ -179,7 +179,7 @@ def test_a_recording_that_is_cut_off_is_named(
         Recorder(tmp_path / "none", {})
     assert failed.value.filename == str(tmp_path / "none")
     refused(["camera", "replay", tmp_path / "none"], tmp_path / "none", "stopped before its first image")
-    monkeypatch.setattr("optolever.camera.cameras.still.StillCamera", Stopped)
+    monkeypatch.setattr("optolever.camera.cameras.stand_ins.StillCamera", Stopped)
     assert (
         f"interrupted; 1 images are in {tmp_path / 'r'}" in optolever(*record, tmp_path / "r", code=130).err
     )
