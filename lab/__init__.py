@@ -13,7 +13,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `solver_figures.py`, `solver_bound.py` | the solver's time; the bound of its errors |
 | - `ideal.py` | codes by their definitions |
 | - `batch.py` | many captures: two processes beside one |
-| - `page.py` | docs/benchmarks.md and its chart |
+| - `page.py`, `chart.py` | docs/benchmarks.md and its chart |
 | - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
 | - `exposures.py` | three patterns in a picture against the same in grey |
 | - `elastic.py` | elastic contacts by kinds: force, depth, thickness |
