@@ -21,7 +21,7 @@ from .sync import synchronised
 from .target_captures import capture_targets
 from .views import sheet_on, views_of
 
-__all__ = ["STEPS", "Begun", "require_devices"]
+__all__ = ["STEPS", "Begun", "require_devices", "rest"]
 
 _SIMULATED = "virtual"
 _KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
@@ -257,8 +257,11 @@ def rest(begun: Begun, front: Front) -> None:
     found = decoded_by_response(capture, response_of(begun.rig))
     mirror_share, good = ol.decode.mirror_coverage(found.flags)
     if good < 0.5:
+        refused = any(test.fails for test in found.tests)
+        mistakes = ol.decode.explain(capture.frames, capture.sequence) if refused else ()
+        said = (*map(str, found.notices), *(f"most likely {one.name}" for one in mistakes[:1]))
         text = f"{100 * good:.0f} % of the mirror decoded: is it in focus, and dark around?"
-        raise InputError(f"{text} ({'; '.join(map(str, found.notices)) or 'no notice'})")
+        raise InputError(f"{text} ({'; '.join(said) or 'no notice'})")
     for notice in found.notices:
         front.say(str(notice))
     if fault := ol.calibration.rest_fault(found, scene):

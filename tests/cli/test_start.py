@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ import pytest
 from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
-from optolever.cli.rig.start_steps import Begun, require_devices
+from optolever.cli.rig.start_steps import Begun, require_devices, rest
 from optolever.decode import Correspondence
 from optolever.live import fringe_period, prepare
 from optolever.patterns import sequence
@@ -108,6 +109,19 @@ def test_a_coarse_camera_gets_a_coarser_fringe(tmp_path: Path) -> None:
     assert fringe_period(rig) / abs(each) == pytest.approx(8, rel=0.1)
     (tmp_path / "fine.toml").write_text(rig_toml("fine", RIGS["prism"]))
     assert fringe_period(load(tmp_path / "fine.toml")) == 10
+
+
+def test_a_camera_that_is_late_is_named_after_a_refusal(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every picture shows the image before."""
+    shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
+    right = capture(scene, dent("flat", scene), shown)
+    late = replace(right, frames=right.frames[[0, *range(len(shown) - 1)]])
+    monkeypatch.setattr("optolever.cli.rig.start_steps.capture_rest", lambda *_: (late, late.frames))
+    named = "most likely picture 0 is one too many, or every picture shows the image before"
+    with pytest.raises(InputError, match=named):
+        rest(Begun(tmp_path / "true.toml"), Mock())
 
 
 def test_it_goes_on_where_it_was_left(
