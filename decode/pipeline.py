@@ -109,7 +109,9 @@ def applied(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> Co
 def _tested(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> tuple[Correspondence, Verdict]:
     found, residual = _mapped(light, ready, mask)
     around = None if mask is None else scipy.ndimage.minimum_filter(mask, _BLOCK)  # whole blocks of the mask
-    numbers = _noise(ready), ready.tables, ready.matrix
+    effects = ready.profile.effects
+    some = any(effect.name in ("lag", lag.LADDER) for effect in effects)
+    numbers = _noise(ready), ready.tables, lag.matrix(effects, plan(sequence)) if some else None
     return found, judged(Decoded(found, residual, light, sequence, *numbers, _moved(ready), around))
 
 

@@ -7,6 +7,7 @@ fits, for hundreds of them.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,23 +62,25 @@ def blocks_of(frames: NDArray[Any], mask: Mask | None) -> I64 | None:
     half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
     stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
     inside = tuple(slice(half, extent - half, stride) for extent in frames.shape[1:])
-    low = frames[(slice(None), *inside)].astype(np.float32)
+    low, high = (frames[(slice(None), *inside)].copy() for _ in range(2))
     if 0 in low.shape:
         return None
-    span = np.ptp(low, axis=0)
+    for y, x in product((half - step, half + step), repeat=2):
+        corner = frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]]
+        np.minimum(low, corner, out=low)
+        np.maximum(high, corner, out=high)
+    span = np.subtract(high.max(axis=0), low.min(axis=0), dtype=np.float32)
     lit = span > 0.4 * np.quantile(span, 0.95)
     if mask is not None:
         lit &= mask[inside]
-    corners = [(y, x) for y in (half - step, half + step) for x in (half - step, half + step)]
-    around = [frames[:, y::stride, x::stride][:, : low.shape[1], : low.shape[2]] for y, x in corners]
-    edges = (np.max(around, axis=0).astype(np.float32) - np.min(around, axis=0) > 0.5 * span) & lit
-    chosen: list[tuple[int, int]] = []
-    for edge in sorted(edges, key=np.count_nonzero):
-        more = 2 - sum(bool(edge[at]) for at in chosen)
-        chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(edge))[: max(more, 0)]]
-    chosen = chosen[:_BLOCKS]
-    chosen += [(int(y), int(x)) for y, x in rng.permutation(np.argwhere(lit))[: _BLOCKS - len(chosen)]]
-    return stride * rng.permutation(np.array(chosen, np.int64)) if chosen else None
+    where = rng.permutation(np.argwhere(lit))
+    edges = (high - low > 0.5 * span)[:, *where.T]
+    chosen: list[int] = []
+    for edge in edges[np.argsort(edges.sum(axis=1), kind="stable")]:
+        more = 2 - np.count_nonzero(edge[chosen])
+        chosen += np.flatnonzero(edge)[: max(more, 0)].tolist()
+    chosen = list(dict.fromkeys((*chosen, *range(len(where)))))[:_BLOCKS]
+    return stride * rng.permutation(where[chosen]) if chosen else None
 
 
 def cut(image: NDArray[Any], at: I64) -> NDArray[Any]:
@@ -141,14 +144,15 @@ def _light(fits: Fits) -> list[float]:
 def places(
     blocks: F32, axis: AxisPlan, known: Plan, fits: Fits, free: int = -1, lit: Mask | None = None
 ) -> tuple[F64, list[float]]:
-    """Share of pixels with a place, by block (B,), or of the lit ones (B, side, side), (); mean phasor of
-    each finer fringe against the coarser place (NaN: too few pixels)."""
+    """Share of pixels with a place, by block (B,), or of the lit ones (B, side, side), (); without these mean
+    phasor of each finer fringe against the coarser place (NaN: too few pixels)."""
     fringes = [fit for fit in fits[axis.axis] if fit is not None]
     shape = blocks.shape[1:]
     ok: Mask = np.ones(shape, np.bool_)
     for fit in fringes:
         ok &= fit.residual < _SINE
-    width, phasors = np.zeros(shape, np.float32), list[float]()
+    slack: Any = 0.0
+    width, phasors, slope = np.zeros(shape, np.float32), list[float](), 0.0
     if axis.code is not None:
         place, width, decided = word_places(blocks, axis.code, known, fringes, free)
         if fringes and len(place) > 1:  # the other value mirrors the place: the fringe knows its half
@@ -156,21 +160,21 @@ def places(
             which = np.abs(gap - np.rint(gap)).argmin(axis=0)
             place = np.take_along_axis(place, which[None], axis=0)
         ok &= decided & (width <= max(8 * axis.code.cell, axis.extent / 16))
-        good = _smooth(place, np.broadcast_to(3 * width, place.shape), 0.5) & ok[:, 1:-1, 1:-1]
+        slack, slope = 3 * width, 0.5
     elif fringes:
         place = _ladder_place(fringes, axis.extent)[None]
-        good = ok[None, :, 1:-1, 1:-1]
     else:
         return np.zeros(len(width)), phasors
     for period, turn, *_ in fringes:
         gap = turn - place / period
         use = (width < 0.75 * period) & ok
-        if axis.code is not None or period < fringes[0].period:
+        if lit is None and (axis.code is not None or period < fringes[0].period):
             mean = np.cos(2 * np.pi * gap) / np.sinc(np.minimum(width / period, 0.75))
             share = (mean * use).sum(axis=(2, 3)).max(axis=0).sum() / max(use.sum(), 1)
             phasors.append(min(share, 1.0) if use.mean() > 0.2 else np.nan if ok.mean() > 0.2 else 0.0)
         place, width = period * (turn - np.rint(gap)), np.zeros_like(width)
-        good = _smooth(place, 0.25 * period, 0.25) & ok[:, 1:-1, 1:-1]
+        slack, slope = 0.25 * period, 0.25
+    good = _smooth(place, slack, slope) & ok[:, 1:-1, 1:-1]
     inner = place[..., 1:-1, 1:-1]
     good = good & (inner > -0.02 * axis.extent - 1) & (inner < 1.02 * axis.extent)
     placed = good[good.mean(axis=(2, 3)).argmax(axis=0), np.arange(shape[0])]

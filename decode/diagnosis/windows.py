@@ -22,7 +22,7 @@ from ..correspondence import Flag
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
 
-__all__ = ["EVERY", "contradictions", "residual_windows", "spread", "typical"]
+__all__ = ["EVERY", "around", "contradictions", "residual_windows", "spread", "typical"]
 
 Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
@@ -67,18 +67,19 @@ def typical(values: F32) -> float:
     return float(np.median(values[:: 1 + len(values) // _FEW]))
 
 
-def _sums(image: NDArray[Any]) -> F32:
-    """Over 3 x 3 around each place of an image (h, w)."""
+def around(image: NDArray[Any]) -> F32:
+    """Sums of 3 x 3 around each place of an image (h, w)."""
     own, anchor = np.asarray(image, np.float32), (-1, -1)
     return np.asarray(cv2.boxFilter(own, -1, (3, 3), None, anchor, False, cv2.BORDER_CONSTANT), np.float32)
 
 
-def residual_windows(square: F32, good: Mask) -> F32:
+def residual_windows(square: F32, good: Mask, limit: float) -> F32:
     """Mean square of the fringes' residuals over its median, around each of the pixels (h, w), every EVERY-th
-    one of the image; square: amplitudes^2; 0 where none of a window is good."""
+    one of the image, of which half are beyond the limit where it is; square: amplitudes^2; 0 where less than
+    half of a window is good."""
     usual = max(typical(square[good]), _LITTLE) if good.any() else 1.0
-    mean = _sums(np.where(good, square, 0)) / np.maximum(_sums(good), np.float32(0.1))
-    return np.asarray(mean / np.float32(usual))
+    ratio, number = np.minimum(square / np.float32(usual), np.float32(2 * limit)), around(good)
+    return np.where(number > 4.5, around(np.where(good, ratio, 0)) / np.maximum(number, 1), 0)
 
 
 def contradictions(
@@ -93,13 +94,13 @@ def contradictions(
     moved: a mirror that moves shifts bits and fringes."""
     wrong, shares = np.zeros(flags.shape, np.bool_), dict[str, float]()
     side = _TILE if flags.size <= _ALL else 2 * _TILE
-    shape = -(-flags.shape[0] // side), -(-flags.shape[1] // side)
+    shape, first = tuple(-(-size // side) for size in flags.shape), _places(flags, side, 1)
     for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
         if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
         shares[axis.axis] = 0.0
         for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
-            view = _view(flags, light, noise, fringes, code, side, count)
+            view = _view(first if count == 1 else _places(flags, side, count), light, noise, fringes, code)
             bad, known = _windows(view, float(fringes.period[0]), shape, least)
             everywhere = _everywhere(axis, view, _MOVED if moved else _SHIFT)
             if not (everywhere or bad.any()):
@@ -108,35 +109,35 @@ def contradictions(
             share = float(bad.sum() / max(known.sum(), 1))
             everywhere = everywhere or share > _MOST
             shares[axis.axis] = 1.0 if everywhere else share
-            wrong |= True if everywhere else spread(_sums(bad) > 0, side, flags.shape)
+            wrong |= True if everywhere else spread(around(bad) > 0, side, flags.shape)
     return wrong, shares
 
 
-def _places(shape: tuple[int, ...], side: int, count: int) -> tuple[I64, I64]:
-    """Rows and columns of the samples: some of every tile, at irregular places, or all pixels."""
-    if shape[0] * shape[1] <= _ALL:
-        row, col = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
-        return row, col
-    rows, cols = shape[0] // side, shape[1] // side
-    down, along = (np.random.default_rng(0).integers(0, side, (rows, one, count)) for one in (1, cols))
-    row = np.broadcast_to(side * np.arange(rows)[:, None, None] + down, along.shape)  # few lines of memory
-    return row.ravel(), (side * np.arange(cols)[:, None] + along).ravel()
+def _places(flags: NDArray[np.uint16], side: int, count: int) -> tuple[I64, I64]:
+    """Tile and place (K,) of the lit samples: some of every tile, at irregular places, or all pixels."""
+    height, width = flags.shape
+    if flags.size <= _ALL:
+        row, col = np.divmod(np.arange(flags.size), width)
+    else:
+        rows, cols = height // side, width // side
+        rng = np.random.default_rng(0)
+        down, along = (rng.integers(0, side, (rows, one, count)) for one in (1, cols))
+        row = np.broadcast_to(side * np.arange(rows)[:, None, None] + down, along.shape).ravel()  # few lines
+        col = (side * np.arange(cols)[:, None] + along).ravel()
+    tile, place = row // side * -(-width // side) + col // side, row * width + col
+    lit = flags.ravel()[place] & _UNLIT == 0
+    return tile[lit], place[lit]
 
 
 def _view(
-    flags: NDArray[np.uint16],
+    places: tuple[I64, I64],
     light: Numbers,
     noise: tuple[np.float32, np.float32],
     fringe: FringeTable,
     code: BitTable,
-    side: int,
-    count: int,
 ) -> _View:
-    """Samples that are no doubt by themselves, so many of a tile."""
-    (row, col), width = _places(flags.shape, side, count), flags.shape[1]
-    tile, place = row // side * -(-width // side) + col // side, row * width + col
-    lit = flags.ravel()[place] & _UNLIT == 0
-    tile, place = tile[lit], place[lit]
+    """Samples (tile, place) that are no doubt by themselves."""
+    tile, place = places
     raw, used = (
         light[0].reshape(len(light[0]), -1),
         {*fringe.frames[0], *code.plain, *code.inverse, *code.ends},
@@ -158,7 +159,8 @@ def _view(
     middle, width = middle[kept], 2 * reach[kept]
     off = phase[kept] - middle / period
     off -= np.rint(off)
-    z = np.exp(np.complex64(2j * np.pi) * off) / np.sinc(np.minimum(width / period, _NARROW))
+    turn = np.float32(2 * np.pi) * off
+    z = (np.cos(turn) + 1j * np.sin(turn)) / np.sinc(np.minimum(width / period, _NARROW))
     return _View(tile[kept], middle, width, off, z.astype(np.complex64))
 
 
@@ -167,7 +169,7 @@ def _windows(view: _View, period: float, shape: tuple[int, ...], least: float) -
     outside, narrow, count = view.outside(period), view.width <= _NARROW * period, int(np.prod(shape))
 
     def sums(weights: NDArray[Any] | None) -> F32:
-        return _sums(np.bincount(view.tile, weights, count).reshape(shape))
+        return around(np.bincount(view.tile, weights, count).reshape(shape))
 
     number = sums(None)
     narrower = number if narrow.all() else sums(narrow)

@@ -42,7 +42,7 @@ _KNOWN, _NEAR, _DECIDED = 1e-3, 0.2, 0.25
 def matrix(effects: tuple[Effect, ...], plan: Plan) -> F64:
     """(N, N): frames without the lag of a profile's effects from captured ones; the first exposure has
     none."""
-    shares = [one.value for one in effects if one.unit in _UNITS and one.name != LADDER]
+    shares = [one.value for one in effects if one.unit in _UNITS]
     return np.asarray(np.linalg.inv(_mixture(np.array(shares), plan)))
 
 

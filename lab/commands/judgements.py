@@ -1,5 +1,6 @@
 """`python -m lab judgements`: every test of the program, its false alarms and its misses."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Annotated, Literal
 
@@ -40,9 +41,11 @@ def command(
     """
     from ..figures.house import ROOT
     from ..judgements import decode, heights, live
-    from ..judgements.record import FALSE_HEADS, MISSED_HEADS, false_alarms, misses, with_section
+    from ..judgements.record import FALSE_HEADS, MISSED_HEADS, Row, false_alarms, misses, with_section
 
-    parts = {"decode": decode.rows, "heights": heights.rows, "live": live.rows}
+    parts: dict[str, Callable[[int], list[Row]]] = {
+        "decode": decode.rows, "heights": heights.rows, "live": live.rows,
+    }  # fmt: skip
     with progress() as step:
         step(f"part {part}")
         chosen = parts.values() if part == "all" else [parts[part]]

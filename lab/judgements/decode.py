@@ -5,7 +5,7 @@ sigma and half a pixel. It is missed where more than 2 % of the good ones are, a
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,17 +27,17 @@ _WEAK = ("sigma is", "the mirror moved")
 _REAL, _WINDOW = ROOT.parent / "shared" / "real" / "refused", 80
 
 
-def rows(seeds: int) -> list[Row]:
+def rows(seeds: int, codes: Collection[str] = CODES, lights: Collection[str] = tuple(LIGHTS)) -> list[Row]:
     """Of every test on every kind of right captures; of every kind of fault, without and with a profile."""
     found = []
-    for kind, light in LIGHTS.items():
-        drawn = (draw(code, light, seed) for seed in range(seeds) for code in CODES)
+    for kind in lights:
+        drawn = (draw(code, LIGHTS[kind], seed) for seed in range(seeds) for code in codes)
         found += _right(kind, (decode(one.frames, one.sequence) for one in drawn))
     for folder in sorted(_REAL.glob("*")):
         found += _right(folder.name, _windows(folder, 5 * seeds))
     counts = dict[str, list[int]]()
     for seed in range(seeds):
-        for code in CODES:
+        for code in codes:
             for kind, missed in _wrong(draw(code, LIGHTS["clean"], seed), seed):
                 counts.setdefault(kind, [0, 0])[0] += 1
                 counts[kind][1] += missed

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lab.judgements import heights
+from lab.judgements import decode, heights
+from lab.judgements.captures import CODES, LIGHTS
 from lab.judgements.record import Row, false_alarms, misses, with_section
 
 ROWS = [
@@ -42,3 +43,23 @@ def test_right_maps_are_named_by_no_test_and_wrong_ones_are(kinds: tuple[str, ..
     wrong = [row for row in found if row.wrong]
     assert len(wrong) >= 2
     assert [row for row in wrong if row.missed] == []
+
+
+FEW = ("gray+phase",), ("lag 20 %", "flicker 5 %", "half in the dark")
+
+
+@pytest.mark.parametrize(
+    ("codes", "lights"), [FEW, pytest.param(CODES, tuple(LIGHTS), marks=pytest.mark.slow)]
+)
+def test_right_captures_are_refused_by_no_test_and_wrong_ones_are(
+    codes: tuple[str, ...], lights: tuple[str, ...]
+) -> None:
+    """Of codes with bits and fringes; of all, one of four at most stays without a word."""
+    found = decode.rows(1, codes, lights)
+    assert len({row.kind for row in found if row.right}) >= len(lights)
+    assert [row for row in found if row.false_alarms] == []
+    wrong = [row for row in found if row.wrong]
+    assert len(wrong) > 15
+    assert sum(row.missed for row in wrong) <= (
+        0 if codes == FEW[0] else 0.25 * sum(row.wrong for row in wrong)
+    )
