@@ -21,7 +21,7 @@ from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan, plan
-from .blocks import Fits, blocks_of, cut, fits_of, places
+from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
 from .too_few import few_good
 from .windows import EVERY, around, contradictions, residual_windows, spread, typical
 
@@ -29,8 +29,10 @@ __all__ = ["Decoded", "Verdict", "judged"]
 
 Mask = NDArray[np.bool_]
 #: Fewest pixels of a figure; amplitude of bright ones over the 0.9 quantile; condition of harmonics from
-#: which on the phases fill no turn; medians beyond which a deviation is of a part, not of a picture.
+#: which on the phases fill no turn; upper quartiles beyond which a deviation is of a part of the image.
 _FEWEST, _BRIGHT, _TURN, _PART = 100, 0.3, 10.0, 6.0
+#: Distance of two pixels across an edge; fewest pairs of them; bits that are too fine.
+_APART, _PAIRS, _FINE = 3, 20, 2
 #: Side of a patch, pixels; patches along an axis, and share of rough pixels above which there are more.
 _PATCH, _PATCHES, _DOUBTFUL = 32, (3, 7), 0.02
 #: Limit of windows of residuals.
@@ -179,7 +181,7 @@ def _mean_levels(seen: _Seen, axis: AxisPlan) -> float:
 def _harmonic(off: F32, turn: F32) -> float:
     """Size of constant and first harmonic in deviations (K,) at phases (K,), of the constant where these fill
     no turn."""
-    usual = np.abs(off) <= _PART * np.median(np.abs(off)) if off.size else np.zeros(0, np.bool_)
+    usual = np.abs(off) <= _PART * np.quantile(np.abs(off), 0.75) if off.size else np.zeros(0, np.bool_)
     if np.count_nonzero(usual) < _FEWEST:
         return float("nan")
     angle = np.float32(2 * np.pi) * turn[usual]
@@ -187,6 +189,29 @@ def _harmonic(off: F32, turn: F32) -> float:
     if np.linalg.cond(terms @ terms.T) > _TURN**2:
         terms = terms[:1]
     return float(np.linalg.norm(np.linalg.solve(terms @ terms.T, terms @ off[usual])))
+
+
+def _edges(seen: _Seen, axis: AxisPlan) -> float:
+    """Share of the pixels at edges of one Gray bit where a finer one is dark that must be bright, next to it,
+    or bright that must be dark: of the worst bit, in its best place of several."""
+    if axis.code is None or axis.fringes or axis.code.kind != "gray":  # fringes know more
+        return float("nan")
+    code = axis.code
+    middle, width, decided = word_places(seen.levels, code, seen.plan, [])
+    cell = np.rint((middle[0] - code.origin - 0.5 * (width - 1)) / code.cell).astype(np.int64) >> _FINE
+    sure = decided & seen.lit & (width <= 1.01 * 2**_FINE * code.cell)
+    cell, figures = np.where(sure, cell, -1), [float("nan")]
+    ways = (cell[:, _APART:], cell[:, :-_APART]), (cell[..., _APART:], cell[..., :-_APART])
+    first, second = (np.concatenate([way[k].ravel() for way in ways]) for k in (0, 1))
+    word, flips = first ^ first >> 1, (first ^ first >> 1) ^ (second ^ second >> 1)
+    one = (np.minimum(first, second) >= 0) & (flips & flips - 1 == 0)
+    for bit in range(1, len(code.plain) - _FINE - 1):
+        for edges, wrong in ((one & (flips == 2 << bit), 0), (one & (flips > 2 << bit), 1)):
+            place = first[edges] >> bit + 1 + wrong
+            number, off = np.bincount(place), np.bincount(place, word[edges] >> bit & 1 == wrong)
+            if np.count_nonzero(number >= _PAIRS) > 1:  # an edge in depth is one place
+                figures.append(float((off / np.maximum(number, 1))[number >= _PAIRS].min()))
+    return float(np.fmax.reduce(figures))
 
 
 def _rough(seen: _Seen, axis: AxisPlan) -> float:
@@ -222,6 +247,9 @@ TESTS = (
     _Test(
         "mean levels", 0.08,
         "fringes of {axis} have unequal mean levels: a picture is another, or of other light", _mean_levels,
+    ),
+    _Test(
+        "edges", 0.5, "bits of {axis} change where Gray bits do not: a picture is another", _edges,
     ),
     _Test(
         "rough", 0.06,
