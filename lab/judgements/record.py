@@ -58,13 +58,16 @@ def _limit(some: Sequence[Row]) -> str:
 
 
 def with_section(page: Path, rows: Sequence[Row], command: str) -> None:
-    """Write the tables into a page in place of its section, at its end where it has none."""
+    """Write the tables into a page in place of its section, at its end where it has none; lines of other
+    parts stay."""
+    before, old, after = section(page)
+    parts = {"part", *(row.part for row in rows)}
+    stay = [line for line in old.splitlines() if line[:2] == "| " and line[2:].split(" |")[0] not in parts]
     lines = [_TITLE, "", f"`{command}`: tests of captures and results, on right and on wrong ones.", ""]
-    tables = ((FALSE_HEADS, false_alarms(rows)), (MISSED_HEADS, misses(rows)))
-    for heads, cells in tables:
+    for heads, cells in ((FALSE_HEADS, false_alarms(rows)), (MISSED_HEADS, misses(rows))):
         lines += [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+        lines += [line for line in stay if line.count("|") == len(heads) + 1]
         lines += [*(f"| {' | '.join(line)} |" for line in cells), ""]
-    before, _, after = section(page)
     text = f"{before.rstrip()}\n\n" + "\n".join(lines) + (f"\n{after}" if after else "")
     page.write_text(text, "utf-8")
 

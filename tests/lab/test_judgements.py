@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from lab.judgements import decode, heights
-from lab.judgements.captures import CODES, LIGHTS
+from lab.judgements.captures import CODES, LIGHTS, draw
 from lab.judgements.record import Row, false_alarms, misses, with_section
+from optolever.decode import decode as run_decode
 
 ROWS = [
     Row("heights", "moved", "ball", 0.1, 5, 0, 0, 0),
@@ -22,12 +23,14 @@ def test_counts_by_test_and_by_kind_of_fault() -> None:
 
 def test_the_section_replaces_itself_and_nothing_else(tmp_path: Path) -> None:
     page = tmp_path / "benchmarks.md"
-    page.write_text("# Benchmarks\n\n## Judgements\n\nold\n\n## Further\n\nlast\n", "utf-8")
+    of_another = "| part | old |\n| decode | torn | any | 3 | 1 |\n| decode | rough | 0.06 | 3 | 0 | |\n"
+    page.write_text(f"# Benchmarks\n\n## Judgements\n\nold\n{of_another}\n## Further\n\nlast\n", "utf-8")
     for _ in range(2):
         with_section(page, ROWS, "python -m lab judgements")
         text = page.read_text("utf-8")
         assert "old" not in text
         assert text.count("| heights | camera moved | moved, motion | 3 | 1 |") == 1
+        assert text.count("| decode |") == 2
         assert text.startswith("# Benchmarks\n\n## Judgements\n")
         assert text.endswith("\n## Further\n\nlast\n")
 
@@ -45,7 +48,7 @@ def test_right_maps_are_named_by_no_test_and_wrong_ones_are(kinds: tuple[str, ..
     assert [row for row in wrong if row.missed] == []
 
 
-FEW = ("gray+phase",), ("lag 20 %", "flicker 5 %", "half in the dark")
+FEW = ("gray+phase", "phase:steps=3", "gray:inverses=false"), ("lag 20 %", "half in the dark")
 
 
 @pytest.mark.parametrize(
@@ -54,12 +57,21 @@ FEW = ("gray+phase",), ("lag 20 %", "flicker 5 %", "half in the dark")
 def test_right_captures_are_refused_by_no_test_and_wrong_ones_are(
     codes: tuple[str, ...], lights: tuple[str, ...]
 ) -> None:
-    """Of codes with bits and fringes; of all, one of four at most stays without a word."""
+    """One of twenty wrong captures at most stays without a word."""
     found = decode.rows(1, codes, lights)
     assert len({row.kind for row in found if row.right}) >= len(lights)
     assert [row for row in found if row.false_alarms] == []
-    wrong = [row for row in found if row.wrong]
-    assert len(wrong) > 15
-    assert sum(row.missed for row in wrong) <= (
-        0 if codes == FEW[0] else 0.25 * sum(row.wrong for row in wrong)
-    )
+    wrong = sum(row.wrong for row in found)
+    assert wrong > 15 * len(codes)
+    assert sum(row.missed for row in found) <= 0.05 * wrong
+
+
+@pytest.mark.parametrize(
+    ("code", "light"),
+    [("phase:steps=3", "lag 20 %"), ("phase", "gamma 2.2"), ("gray+phase:axes=u", "soft focus")],
+)
+def test_cards_at_several_depths_are_refused_by_no_test(code: str, light: str) -> None:
+    drawn = draw(code, LIGHTS[light], 11)
+    tests = run_decode(drawn.frames, drawn.sequence).tests
+    assert len(tests) >= 3
+    assert [one.test for one in tests if one.fails] == []
