@@ -7,7 +7,7 @@ samples: blocks of the frames with their lag and response corrected, patches of 
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,10 +20,10 @@ from optolever.patterns import Sequence
 from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..pixels import AxisTable
-from ..plan import AxisPlan, Plan, plan
+from ..plan import AxisPlan, Code, Plan, plan
 from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
 from .too_few import few_good
-from .windows import EVERY, around, contradictions, residual_windows, spread, typical
+from .windows import EVERY, WIDE, around, contradictions, residual_windows, spread, typical
 
 __all__ = ["Decoded", "Verdict", "judged"]
 
@@ -31,8 +31,8 @@ Mask = NDArray[np.bool_]
 #: Fewest pixels of a figure; amplitude of bright ones over the 0.9 quantile; condition of harmonics from
 #: which on the phases fill no turn; upper quartiles beyond which a deviation is of a part of the image.
 _FEWEST, _BRIGHT, _TURN, _PART = 100, 0.3, 10.0, 6.0
-#: Distance of two pixels across an edge; fewest pairs of them; bits that are too fine.
-_APART, _PAIRS, _FINE = 3, 20, 2
+#: Fewest pixels at an edge; bits that are too fine.
+_PAIRS, _FINE = 20, 2
 #: Side of a patch, pixels; patches along an axis, and share of rough pixels above which there are more.
 _PATCH, _PATCHES, _DOUBTFUL = 32, (3, 7), 0.02
 #: Limit of windows of residuals.
@@ -191,21 +191,45 @@ def _harmonic(off: F32, turn: F32) -> float:
     return float(np.linalg.norm(np.linalg.solve(terms @ terms.T, terms @ off[usual])))
 
 
+def _cells(seen: _Seen, axis: AxisPlan, code: Code, fine: int) -> I64:
+    """Cells, without their last binary digits, of pixels (B, side, side); -1: in doubt."""
+    fits = [fit for fit in seen.fits[axis.axis] if fit is not None]
+    middle, width, decided = word_places(seen.levels, code, seen.plan, fits)
+    cell = np.rint((middle[0] - code.origin - 0.5 * (width - 1)) / code.cell).astype(np.int64) >> fine
+    return np.where(decided & seen.lit & (width <= 1.01 * 2**fine * code.cell), cell, -1)
+
+
+def _across(image: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """Values (K,) of three pixels beside each other along either axis of blocks (B, side, side)."""
+    ways = image, image.swapaxes(1, 2)
+    return tuple(
+        np.concatenate([way[..., k : way.shape[2] - 2 + k].ravel() for way in ways]) for k in range(3)
+    )
+
+
+def _words(seen: _Seen, axis: AxisPlan) -> float:
+    """Share of the ends of cells as wide as a period that are a quarter of it and more off the fringe's."""
+    code, fit = axis.code, next((one for one in seen.fits[axis.axis] if one is not None), None)
+    if code is None or fit is None or code.cell <= WIDE * fit.period:  # narrower: windows know more
+        return float("nan")
+    (first, _, second), waves = _across(_cells(seen, axis, code, 0)), _across(np.exp(2j * np.pi * fit.phase))
+    edge = (np.minimum(first, second) >= 0) & (np.abs(first - second) == 1)
+    for wave in waves[::2]:
+        edge &= (wave * waves[1].conj()).real > 0  # the pixels resolve the fringe
+    end = np.maximum(first, second)[edge] * code.cell + code.origin - 0.5
+    off = waves[1][edge] * np.exp(-2j * np.pi * end / fit.period)
+    return float((off.real < 0).mean()) if off.size >= _PAIRS else float("nan")
+
+
 def _edges(seen: _Seen, axis: AxisPlan) -> float:
     """Share of the pixels at edges of one Gray bit where a finer one is dark that must be bright, next to it,
     or bright that must be dark: of the worst bit, in its best place of several."""
     if axis.code is None or axis.fringes or axis.code.kind != "gray":  # fringes know more
         return float("nan")
-    code = axis.code
-    middle, width, decided = word_places(seen.levels, code, seen.plan, [])
-    cell = np.rint((middle[0] - code.origin - 0.5 * (width - 1)) / code.cell).astype(np.int64) >> _FINE
-    sure = decided & seen.lit & (width <= 1.01 * 2**_FINE * code.cell)
-    cell, figures = np.where(sure, cell, -1), [float("nan")]
-    ways = (cell[:, _APART:], cell[:, :-_APART]), (cell[..., _APART:], cell[..., :-_APART])
-    first, second = (np.concatenate([way[k].ravel() for way in ways]) for k in (0, 1))
+    figures, (first, _, second) = [float("nan")], _across(_cells(seen, axis, axis.code, _FINE))
     word, flips = first ^ first >> 1, (first ^ first >> 1) ^ (second ^ second >> 1)
     one = (np.minimum(first, second) >= 0) & (flips & flips - 1 == 0)
-    for bit in range(1, len(code.plain) - _FINE - 1):
+    for bit in range(1, len(axis.code.plain) - _FINE - 1):
         for edges, wrong in ((one & (flips == 2 << bit), 0), (one & (flips > 2 << bit), 1)):
             place = first[edges] >> bit + 1 + wrong
             number, off = np.bincount(place), np.bincount(place, word[edges] >> bit & 1 == wrong)
@@ -247,6 +271,9 @@ TESTS = (
     _Test(
         "mean levels", 0.08,
         "fringes of {axis} have unequal mean levels: a picture is another, or of other light", _mean_levels,
+    ),
+    _Test(
+        "words", 0.2, "bits and fringes of {axis} change apart: cells, periods or shifts are others", _words,
     ),
     _Test(
         "edges", 0.5, "bits of {axis} change where Gray bits do not: a picture is another", _edges,

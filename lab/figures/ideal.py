@@ -24,7 +24,7 @@ def ideal_level(shown: Sequence, index: int, u: Floats, v: Floats) -> Floats:
         away = np.minimum(np.abs(coord - (at or 0.0)) / (frame.width_px or 1.0), 1.0)
         level = 0.5 + 0.5 * np.cos(np.pi * away)
     else:
-        cell = np.floor((coord + 0.5) / frame.cell_px).astype(np.int64)
+        cell = np.floor((coord - (frame.offset_px or 0.0) + 0.5) / frame.cell_px).astype(np.int64)
         level = _of_cells(shown, frame, cell)
     return 1.0 - level if frame.inverted else np.asarray(level, np.float64)
 
