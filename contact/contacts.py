@@ -1,8 +1,9 @@
 """Contacts: the figures of every region of a map less rest, with their standard deviations."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -330,16 +331,17 @@ def _pressed(
     surface: Surface, z: Map, regions: Sequence[Region], found: Sequence[Contact], layer: Layer
 ) -> tuple[Contact, ...]:
     """The contacts of the regions with their forces."""
-    means = _Means(surface)
+    means, box = partial(_means, surface.index()), regions[0].box
+    own = math.sqrt(float(np.median(areas(surface.x[box], surface.y[box]))))
     every = np.stack([surface.x, surface.y], axis=-1)
     places = (every[one.box][one.inside] for one in regions)
     cells = [at[np.isfinite(at).all(axis=1)] for at in places]
     radii = [one.radius for one in found]
-    behind = forces_on(layer, cells, radii, lambda at, pitch: means(z[None], at, pitch)[0])
+    behind = forces_on(layer, cells, radii, lambda at, pitch: means(z[None], at, round(pitch / own))[0])
     at, pitch, area = behind.places, behind.pitch, behind.pitch**2
-    by_modes = np.linalg.norm(means(surface.common, at, 0.0, surface.step) @ behind.weights.T, axis=0)
+    by_modes = np.linalg.norm(means(surface.common, at, 1, surface.step) @ behind.weights.T, axis=0)
     noise = np.where(np.isfinite(surface.sigma), surface.sigma, 0)
-    by_noise = np.abs(behind.weights @ means(noise[None], at, pitch)[0])
+    by_noise = np.abs(behind.weights @ means(noise[None], at, round(pitch / own))[0])
     result = []
     for k, one in enumerate(found):
         under = behind.pressure[behind.owner == k]
@@ -349,23 +351,15 @@ def _pressed(
     return tuple(result)
 
 
-class _Means:
-    """Means of maps in squares around places on the mirror."""
-
-    def __init__(self, surface: Surface) -> None:
-        self._index = surface.index()
-        self._pitch = math.sqrt(float(np.median(areas(surface.x, surface.y))))
-
-    def __call__(self, maps: Map, places: Floats, pitch: float, step: int = 1) -> Floats:
-        """Of maps (m, r, c) on every step-th cell, in squares of a pitch around places (n, 2): (m, n), linear
-        between cells."""
-        at = self._index(places) / step
-        side = max(1, round(pitch / self._pitch))
-        low = np.clip(np.floor(at.min(axis=1)).astype(np.int64) - side, 0, np.array(maps.shape[1:]) - 1)
-        last = np.ceil(at.max(axis=1)).astype(np.int64) + side + 2
-        near = np.asarray(maps[:, low[0] : last[0], low[1] : last[1]], np.float64)
-        if side > 1:
-            near = scipy.ndimage.uniform_filter(near, (0, side, side))
-        at -= low[:, None]
-        means = [scipy.ndimage.map_coordinates(one, at, order=1, mode="nearest") for one in near]
-        return np.reshape(means, (-1, len(places)))
+def _means(index: Callable[[Floats], Floats], maps: Map, places: Floats, side: int, step: int = 1) -> Floats:
+    """Of maps (m, r, c) on every step-th cell, in squares of so many cells around places (n, 2): (m, n),
+    linear between cells."""
+    at = index(places) / step
+    low = np.clip(np.floor(at.min(axis=1)).astype(np.int64) - side, 0, np.array(maps.shape[1:]) - 1)
+    last = np.ceil(at.max(axis=1)).astype(np.int64) + side + 2
+    near = np.asarray(maps[:, low[0] : last[0], low[1] : last[1]], np.float64)
+    if side > 1:
+        near = scipy.ndimage.uniform_filter(near, (0, side, side))
+    at -= low[:, None]
+    means = [scipy.ndimage.map_coordinates(one, at, order=1, mode="nearest") for one in near]
+    return np.reshape(means, (-1, len(places)))

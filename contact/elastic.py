@@ -17,7 +17,7 @@ found.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -201,8 +201,7 @@ def _fit(
     depths = np.array([one.depth for one in regions])
     start[4 * count : first] = (0.6 * depths * discs.size / np.bincount(discs.owner))[discs.owner]
     solved = _solved(cells, discs, base, search, start, mean, sigma)
-    inside = _inside(surface)
-    return [_figures(solved, discs, base, search, k, inside) for k in range(count)]
+    return [_figures(surface, solved, discs, base, search, k) for k in range(count)]
 
 
 def _cells(surface: Surface, discs: _Discs, least: float, near: float, tolerance: float) -> _Cells | None:
@@ -231,16 +230,12 @@ def _cells(surface: Surface, discs: _Discs, least: float, near: float, tolerance
     return _Cells(x, y, z, root, nearest[row, col], rig, own, noise)
 
 
-def _inside(surface: Surface) -> Callable[[float, float], bool]:
-    """Whether a place lies in the box of the measured cells."""
-    index, measured = surface.index(), np.stack(np.nonzero(surface.good))
-    low, high = measured.min(axis=1) - 0.5, measured.max(axis=1) + 0.5
-
-    def inside(x: float, y: float) -> bool:
-        at = index(np.array([[x, y]]))[:, 0]
-        return bool(((at > low) & (at < high)).all())
-
-    return inside
+def _inside(surface: Surface, x: float, y: float) -> bool:
+    """Whether the measured cell that is nearest to a place lies within the box of all."""
+    away = np.where(surface.good, np.hypot(surface.x - x, surface.y - y), np.inf)
+    at = np.unravel_index(int(np.nanargmin(away)), away.shape)
+    lines = (np.flatnonzero(surface.good.any(axis=axis)) for axis in (1, 0))
+    return all(one[0] < line < one[-1] for line, one in zip(at, lines, strict=True))
 
 
 def _solved(
@@ -250,7 +245,6 @@ def _solved(
     count, terms, unit = discs.size.size, start.copy(), 1.0
     shapes, own = slice(0, 4 * count), slice(4 * count + discs.x.size, start.size - search)
     leaps = np.stack([discs.size, discs.size, np.ones(count), np.ones(count)], axis=1).ravel()
-    scale = np.zeros(sigma.size)
     for _ in range(_ROUNDS):
         total, by = _heights(discs, base, search, terms, cells.x, cells.y)
         by[own], rest = cells.own, cells.z - total - terms[own] @ cells.own
@@ -322,7 +316,7 @@ def _table() -> "tuple[scipy.interpolate.RectBivariateSpline, ...]":
 
 
 def _figures(
-    solved: _Solved, discs: _Discs, base: _Base, search: bool, k: int, inside: Callable[[float, float], bool]
+    surface: Surface, solved: _Solved, discs: _Discs, base: _Base, search: bool, k: int
 ) -> ElasticFit:
     terms, contacts = solved.terms, 4 * discs.size.size
     mine = np.flatnonzero(discs.owner == k)
@@ -349,7 +343,7 @@ def _figures(
     sigmas = np.sqrt(np.einsum("it,ts,is->i", turn, solved.covariance, turn))
     h = math.exp(terms[-1]) if search else base.thickness
     sigmas[4] = norm(sigmas[4], (_FORCE + _THIN * (size / h) ** 4) * load)
-    bound = m in _POWERS or not inside(float(x[deepest]), float(y[deepest]))
+    bound = m in _POWERS or not _inside(surface, x[deepest], y[deepest])
     left = float(solved.excess[k]) / max(abs(depth), 1e-300)
     more = (h, h * math.sqrt(solved.covariance[-1, -1])) if search else (None, None)
     pressure = (m + 1) * float(loads.max()) / size**2

@@ -151,19 +151,29 @@ def _kept(found: LoadFit) -> Floats:
 def far_field(layer: Layer | None, circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
     """Heights (4 n, ...) that n contacts cause at places outside them, in any unit: for each contact the
     fields of a force, of its two first moments and of its second moment."""
-    columns = []
-    for cx, cy, radius in circles:
-        dx, dy = (x - cx) / radius, (y - cy) / radius
-        q = np.maximum(np.hypot(dx, dy), 1.0)
+    thickness = None if layer is None else layer.thickness_mm
+
+    def fields(dx: Floats, dy: Floats, q: Floats, radius: float) -> list[Floats]:
         at, slope, bend = 1 / q, -(q**-3), 2 * q**-3
-        if layer is not None and layer.thickness_mm is not None:
-            base, size = bonded(layer.poisson), radius / layer.thickness_mm
+        if layer is not None and thickness is not None:
+            base, size = bonded(layer.poisson), radius / thickness
             r = np.minimum(q * size, BONDED)
             at = at + size * base(r)
             slope = slope + size**2 * base(r, 1) / q
             bend = bend + size**3 * base(r, 2)
-        columns += [at, slope * dx, slope * dy, bend + slope]
-    return np.stack(columns) if columns else np.zeros((0, *np.shape(x)))
+        return [at, slope * dx, slope * dy, bend + slope]
+
+    return _columns(fields, circles, x, y)
+
+
+def _columns(fields: Callable[..., list[Floats]], circles: Sequence[Circle], x: Floats, y: Floats) -> Floats:
+    """Heights (k n, ...) around n contacts by fields of the place in radii, its distance, at least 1, and the
+    radius, mm."""
+    columns = []
+    for cx, cy, radius in circles:
+        dx, dy = (x - cx) / radius, (y - cy) / radius
+        columns += fields(dx, dy, np.maximum(np.hypot(dx, dy), 1.0), radius)
+    return np.reshape(columns, (-1, *np.shape(x)))
 
 
 def _cells(surface: Surface) -> _Cells:
@@ -211,8 +221,8 @@ def _explained(cells: _Cells, circles: Sequence[Circle], layer: Layer | None, so
     faded = _sinks(cells, circles)
     kinds: list[tuple[_Fields, float]] = [
         (partial(far_field, layer), math.inf),
-        (partial(_falling, _fading), faded),
-        (partial(_falling, _any), max(_SINKS * cells.depth, faded)),
+        (partial(_columns, _fading), faded),
+        (partial(_columns, _any), max(_SINKS * cells.depth, faded)),
     ]
     kinds = kinds if cells.free.any() else kinds[:2]
     fits = [_fitted(outside, fields(circles, outside.x, outside.y), sinks) for fields, sinks in kinds]
@@ -257,24 +267,13 @@ def _sinks(cells: _Cells, circles: Sequence[Circle]) -> float:
     return math.hypot(still, cells.depth * reach)
 
 
-def _falling(
-    powers: Callable[[Floats], list[Floats]], circles: Sequence[Circle], x: Floats, y: Floats
-) -> Floats:
-    """Heights (8 n, ...) around contacts by functions of the distance in radii, and their first moments."""
-    columns = []
-    for cx, cy, radius in circles:
-        dx, dy = (x - cx) / radius, (y - cy) / radius
-        q = np.maximum(np.hypot(dx, dy), 1.0)
-        columns += [*powers(q), dx * q**-4, dy * q**-4]
-    return np.reshape(columns, (-1, *np.shape(x)))
+def _fading(dx: Floats, dy: Floats, q: Floats, _radius: float) -> list[Floats]:
+    waves = (np.exp(-rate * (q - 1)) for rate in _RATES)
+    return [q**-3, q**-4, *waves, 0.5 ** (q**2 - 1), dx * q**-4, dy * q**-4]
 
 
-def _fading(q: Floats) -> list[Floats]:
-    return [q**-3, q**-4, *(np.exp(-rate * (q - 1)) for rate in _RATES), 0.5 ** (q**2 - 1)]
-
-
-def _any(q: Floats) -> list[Floats]:
-    return [q**-power for power in range(1, 7)]
+def _any(dx: Floats, dy: Floats, q: Floats, _radius: float) -> list[Floats]:
+    return [*(q**-power for power in range(1, 7)), dx * q**-4, dy * q**-4]
 
 
 def _outside(cells: _Cells, circles: Sequence[Circle]) -> _Cells | None:

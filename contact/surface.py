@@ -67,10 +67,10 @@ class Surface:
         return np.zeros((0, *self.z[few, few].shape)) if self.modes is None else self.modes
 
     def index(self) -> Callable[[Floats], Floats]:
-        """Rows and columns (2, n) of places (n, 2), by polynomials of the measured cells' x and y."""
-        good = self.good & np.isfinite(self.x + self.y)
-        every = max(1, round(math.sqrt(np.count_nonzero(good) / _CELLS)))
-        row, col = (every * part for part in np.nonzero(good[::every, ::every]))
+        """Rows and columns (2, n) of places (n, 2), by polynomials of the cells' x and y."""
+        every = max(1, round(math.sqrt(self.z.size / _CELLS)))
+        known = np.isfinite(self.x[::every, ::every] + self.y[::every, ::every])
+        row, col = (every * part for part in np.nonzero(known))
         at = np.stack([self.x[row, col], self.y[row, col]], axis=-1).astype(np.float64)
         middle, extent = at.mean(axis=0), max(float(np.ptp(at, axis=0).max()), 1e-6)
 
