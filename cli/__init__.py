@@ -8,9 +8,9 @@
 - `batch`, `workers`: many captures by one command; processes and clusters that run them; `warm`: for them
 - `printing`: tables, progress, JSON
 - `rig/`: `rig new`, `start`, `camera expose`, `camera sync`; devices of a rig opened, captures by them
-- one file a command, named as it: `demo`, `doctor`, `simulate`, `decode`, `explain`, `reconstruct`,
+- one file a command, named as it: `demo`, `doctor`, `show`, `simulate`, `decode`, `explain`, `reconstruct`,
   `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `record`, `replay`, `measure`; `form`,
-  `export`, `sample`, `response`; `window` is the command `show`
+  `export`, `sample`, `response`
 """
 
 from .app import main, run

@@ -16,7 +16,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
 }
 CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
 #: Modules that are not named as their command.
-MODULES = {"show": "window", "rig": "rig.new"} | {name: f"rig.{name}" for name in ("start", "expose", "sync")}
+MODULES = {"rig": "rig.new"} | {name: f"rig.{name}" for name in ("start", "expose", "sync")}
 
 
 class Commands(click.Group):
