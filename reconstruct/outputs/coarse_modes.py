@@ -23,7 +23,9 @@ def coarse_step(shape: tuple[int, ...]) -> int:
 
 def filled(coarse: Floats) -> Modes:
     """The modes, gaps from their nearest neighbours. InputError where one has nothing but gaps."""
-    modes, nearest, before = coarse.astype(np.float32), (), np.zeros(0, np.bool_)
+    with np.errstate(over="ignore"):  # of a solution that diverges, whose pixels are flagged
+        modes = coarse.astype(np.float32)
+    nearest, before = (), np.zeros(0, np.bool_)
     for mode in modes:
         gaps = ~np.isfinite(mode)
         if gaps.all():
