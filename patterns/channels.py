@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +16,6 @@ __all__ = ["STRIPES", "Packing", "at_stripe"]
 
 #: Centres along u of a cell's red, green and blue part, cells from the cell's centre, by their order.
 STRIPES = {"rgb": (-1 / 3, 0.0, 1 / 3), "bgr": (1 / 3, 0.0, -1 / 3), "none": (0.0, 0.0, 0.0)}
-_TURN = 6.283185307179586
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,4 +68,4 @@ def at_stripe(frame: Frame, channel: int, stripes: str) -> Frame:
     """
     if frame.kind != "phase" or frame.axis != "u" or frame.shift is None or frame.period_px is None:
         return frame
-    return replace(frame, shift=frame.shift - _TURN * STRIPES[stripes][channel] / frame.period_px)
+    return replace(frame, shift=frame.shift - 2 * math.pi * STRIPES[stripes][channel] / frame.period_px)

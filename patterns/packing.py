@@ -16,9 +16,10 @@ from .sequence import Sequence
 
 __all__ = ["packed"]
 
-_RED, _GREEN, _BLUE = range(3)
-#: Levels of a ramp between black and white; strides through them and starts, prime to their number.
-_LEVELS, _ORDERS = 8, ((1, 0), (3, 1), (5, 2))
+#: First channel of fringes along u and v, and of everything else.
+_FIRST = {"u": 0, "v": 2, "": 1}
+#: Levels of a ramp between black and white, to which the strides through them are prime.
+_LEVELS = 8
 _PACKED = ("phase", "white", "black", *BINARY_CODES)
 
 
@@ -59,7 +60,7 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
         if fits:
             channels[full].remove(fits[-1])
             channels[empty].append(fits[-1])
-    rows = [_woven(sequence, groups, channel == _GREEN) for channel, groups in enumerate(channels)]
+    rows = [_woven(sequence, groups, channel == _FIRST[""]) for channel, groups in enumerate(channels)]
     most = max(rows, key=len)
     # an idle channel repeats its last frame, whose mean has less noise
     filled = np.array([row + row[-1:] * (len(most) - len(row)) if row else most for row in rows])
@@ -86,7 +87,7 @@ def _ramp(sequence: Sequence, stripes: str) -> Sequence:
     last, order = _LEVELS + 1, range(_LEVELS)
     rows = [(0, 0, 0), (last, 0, 0), (0, last, 0), (0, 0, last), (last, last, last)]
     for turn in range(2):
-        of = [[(k * by + start + 3 * turn * start) % _LEVELS + 1 for k in order] for by, start in _ORDERS]
+        of = [[(k * (2 * c + 1) + c + 3 * turn * c) % _LEVELS + 1 for k in order] for c in range(3)]
         rows += [(r, g, b) for r, g, b in zip(*of, strict=True)]
     frames = tuple(Frame("uniform", level=level) for level in (0, *chosen, 255))
     return replace(sequence, frames=frames, packing=Packing(tuple(rows), stripes))
@@ -105,11 +106,11 @@ def _groups(sequence: Sequence) -> list[tuple[int, list[int]]]:
         if frame.kind == "phase":
             whole = count[axis, frame.period_px] > 2
             period = (frame.period_px or 0.0) if whole else fine[axis]
-            key = 0, float(period), _RED if axis == "u" else _BLUE, "", ""
+            key = 0, float(period), _FIRST[axis], "", ""
         elif frame.bit is None:
-            key = 1, 0.0, _GREEN, "", ""
+            key = 1, 0.0, _FIRST[""], "", ""
         else:
-            key = 2, float(frame.bit), _GREEN, frame.kind, axis
+            key = 2, float(frame.bit), _FIRST[""], frame.kind, axis
         found.setdefault(key, []).append(i)
     return [(key[2], found[key]) for key in sorted(found)]
 

@@ -19,7 +19,7 @@
 
 from .capture import Capture
 from .colour_capture import ColourCapture, in_colour, load_capture
-from .colour_sensor import NOMINAL_MIX, capture_colour
+from .colour_sensor import capture_colour
 from .context import ContextInfo, NoContextError, context_info
 from .devices import (
     Accepted,
@@ -44,7 +44,7 @@ from .unmixing import ColourResponse, quads, unmixed
 from .virtual import RENDERERS, capture, chosen_renderer
 
 __all__ = [
-    "NOMINAL_MIX", "NOMINAL_SENSOR", "RENDERERS", "WHITE_NOISE_SENSOR", "Accepted", "Camera",
+    "NOMINAL_SENSOR", "RENDERERS", "WHITE_NOISE_SENSOR", "Accepted", "Camera",
     "CameraLost", "Capture", "ColourCapture", "ColourResponse", "ContextInfo", "Display", "Footprints",
     "Identity", "Image", "Monitor", "NoContextError", "PatternRenderer", "PatternWindow", "RealTime",
     "Shown", "Time", "Wanted", "capture", "capture_colour", "choose_monitor", "chosen_renderer",

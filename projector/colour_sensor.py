@@ -16,10 +16,7 @@ from .colour_capture import ColourCapture
 from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
 from .virtual import fitting_renderer, require_fit, strips
 
-__all__ = ["NOMINAL_MIX", "capture_colour"]
-
-#: Of a scene that names none: crosstalk of 10 to 14 %, as of a display's and a camera's filters that overlap.
-NOMINAL_MIX = ((0.86, 0.12, 0.02), (0.10, 0.80, 0.10), (0.02, 0.12, 0.86))
+__all__ = ["capture_colour"]
 
 
 @checked(scene=Scene, surface=Surface, sequence=Sequence)
@@ -44,7 +41,7 @@ def capture_colour(
     if sequence.packing is None:
         raise InputError("capture_colour: the sequence is in grey; patterns.packed puts it into colour")
     sensor = NOMINAL_SENSOR if scene.sensor is None else scene.sensor
-    mix = np.array(NOMINAL_MIX if sensor.mix is None else sensor.mix)
+    mix = np.asarray(NOMINAL_SENSOR.mix if sensor.mix is None else sensor.mix)
     depth = sensor.bits if bits is None else bits
     rows, cols = scene.camera.rows, scene.camera.cols
     if sensor.mosaic is not None:

@@ -16,7 +16,13 @@ __all__ = ["NOMINAL_SENSOR", "WHITE_NOISE_SENSOR", "FrameElectronics", "flicker_
 #: White noise alone (`noise` of `capture`): linear, dark at 16, white at 232.75: noise is not clipped.
 WHITE_NOISE_SENSOR = Sensor(offset=16.0, exposure=0.85)
 #: Of a scene that names none: 30 electrons a level and 6 of read noise, as of small machine vision cameras.
-NOMINAL_SENSOR = replace(WHITE_NOISE_SENSOR, gain_e=30.0, noise=0.2)
+#: Its colours overlap by 10 to 14 %, as a display's and a camera's filters together.
+NOMINAL_SENSOR = replace(
+    WHITE_NOISE_SENSOR,
+    gain_e=30.0,
+    noise=0.2,
+    mix=np.array([[0.86, 0.12, 0.02], [0.10, 0.80, 0.10], [0.02, 0.12, 0.86]]),
+)
 
 _SHOT, _READ = 0, 1
 _FULL_SCALE = 255.0

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from optolever.decode import decode
 from optolever.patterns import Sequence, packed, sequence_from_text
 from optolever.projector import (
-    NOMINAL_MIX,
     NOMINAL_SENSOR,
     Capture,
     ColourCapture,
@@ -28,8 +27,6 @@ from optolever.scene import Display, Scene, dent_from_text, load, resize, trace
 __all__ = ["CASES", "Case", "Compared", "compared"]
 
 Floats = NDArray[np.float64]
-#: Electrons a level, read noise (levels), white of 16 bits.
-_GAIN, _READ, _FULL = 30.0, 0.2, 65535.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,18 +118,23 @@ def _levels(
     light: NDArray[np.uint8] | NDArray[np.uint16], case: Case, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Pictures of 8 bits with photon and read noise."""
-    level = light / _FULL * 255 - NOMINAL_SENSOR.offset
+    level = light / np.iinfo(light.dtype).max * 255 - NOMINAL_SENSOR.offset
     level[1:] = (1 - case.lag) * level[1:] + case.lag * level[:-1]
     swing = 1 + case.flicker * np.sin(2 * np.pi * rng.random(len(level)))
     level = level * swing.reshape(-1, *(1,) * (level.ndim - 1))
-    level = rng.poisson(np.maximum(level, 0) * _GAIN) / _GAIN + NOMINAL_SENSOR.offset
-    return np.clip(np.rint(level + _READ * rng.standard_normal(level.shape)), 0, 255).astype(np.uint8)
+    level = (
+        rng.poisson(np.maximum(level, 0) * NOMINAL_SENSOR.gain_e) / NOMINAL_SENSOR.gain_e
+        + NOMINAL_SENSOR.offset
+    )
+    return np.clip(np.rint(level + NOMINAL_SENSOR.noise * rng.standard_normal(level.shape)), 0, 255).astype(
+        np.uint8
+    )
 
 
 def _unmixed(images: NDArray[np.uint8], shown: Sequence, case: Case, rng: np.random.Generator) -> Capture:
     """By the sensor's mix, off by the case's error."""
     scale = NOMINAL_SENSOR.exposure
-    mix = (NOMINAL_MIX + case.mix * rng.standard_normal((3, 3))) * scale
+    mix = (np.asarray(NOMINAL_SENSOR.mix) + case.mix * rng.standard_normal((3, 3))) * scale
     dark, sigma = np.full(3, NOMINAL_SENSOR.offset / 255), np.full((3, 3), case.mix * scale)
     ends = np.array([0.0, 255.0]), np.tile([0.0, 1.0], (3, 1))
     response = ColourResponse(dark, mix, sigma, 0.0, *ends, case.mosaic)
