@@ -49,13 +49,15 @@ def table(out: Path) -> dict[str, dict[str, str]]:
 
 
 def same(captures: list[Path], out: Path) -> None:
-    """The files are those of one process, to the last bit of float32 (it differs in a pixel of some runs)."""
+    """Files as of one process; one that compiles its kernels rounds otherwise, by 3.4e-5 of a sigma."""
     for capture in captures:
         name = f"{capture.name}.npz"
         with np.load(capture.parent / "one" / name) as a, np.load(out / name) as b:
             np.testing.assert_array_equal(a["flags"], b["flags"])
             for field in ("u", "v", "sigma_u", "sigma_v"):
-                np.testing.assert_allclose(a[field], b[field], rtol=2e-7, atol=0)
+                np.testing.assert_allclose(
+                    a[field], b[field], rtol=1e-4 if "sigma" in field else 2e-7, atol=0
+                )
 
 
 def test_heights_of_many_captures_one_of_which_fails(
