@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from optolever.arrays import Floats
 from optolever.blocks import blas_on_one, on_cores, over_rows
 from optolever.decode import Decoder, decode, estimate_profile
+from optolever.decode.diagnosis.tests import Verdict
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
@@ -108,12 +110,23 @@ def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iter
         frames = speed_frames(shown, size)
         decoder = Decoder(shown, estimate_profile(frames, shown))
         calls = {"with a profile": partial(decoder.decode, frames), "without": partial(decode, frames, shown)}
-        floor, *times = _minima(toucher(frames), *calls.values())
+        floor, bare, *times = _minima(toucher(frames), partial(_untested, decoder, frames), *calls.values())
         high = large if size[0] * size[1] >= 1 << 20 else small
         for name, limit, seconds in zip(calls, (high, None), times, strict=True):
             note = f"{1e3 * seconds:.1f} ms, {len(shown)} frames"
             what = f"{text}, {size[1]} x {size[0]}, {name}"
             yield Figure(what, seconds / floor, "floors", high=limit, note=note)
+        note = f"{1e3 * (times[0] - bare):.1f} ms, with a profile"
+        yield Figure(
+            f"{text}, {size[1]} x {size[0]}, tests over the rest", times[0] / bare - 1, high=0.2, note=note
+        )
+
+
+def _untested(decoder: Decoder, frames: NDArray[np.uint8]) -> None:
+    """Decode without the tests of a capture."""
+    none = Verdict(np.zeros(frames.shape[1:], np.bool_), (), ())
+    with mock.patch("optolever.decode.pipeline.judged", return_value=none):
+        decoder.decode(frames)
 
 
 def _minima(*calls: Callable[[], Any]) -> list[float]:
