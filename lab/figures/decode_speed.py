@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from optolever.arrays import Floats
 from optolever.blocks import blas_on_one, on_cores, over_rows
 from optolever.decode import Decoder, decode, estimate_profile
-from optolever.decode.diagnosis.tests import Verdict
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
@@ -124,7 +123,7 @@ def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iter
 
 def _untested(decoder: Decoder, frames: NDArray[np.uint8]) -> None:
     """Decode without the tests of a capture."""
-    none = Verdict(np.zeros(frames.shape[1:], np.bool_), (), ())
+    none = mock.Mock(wrong=np.zeros(frames.shape[1:], np.bool_), notices=(), tests=())
     with mock.patch("optolever.decode.pipeline.judged", return_value=none):
         decoder.decode(frames)
 
