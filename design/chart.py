@@ -139,6 +139,7 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float, letters: 
         return None
     cost = np.array([getattr(row, name) for row in rows])
     error, spread = (factor * np.array([getattr(row, of) for row in rows]) for of in ("simulated", "spread"))
+    panel.set_xlim(cost.min() / 1.3, cost.max() * 1.3)
     best = front(cost, error)
     ends = [*cost[best], cost.max()], [*error[best], error[best][-1]]
     panel.step(*ends, where="post", color="0.75", lw=1.2, zorder=1)
@@ -148,7 +149,6 @@ def _draw(panel: Axes, rows: Many[Tradeoff], name: str, factor: float, letters: 
         for one, at in ((spread, error), (aside, cost))
     )
     panel.errorbar(cost, error, y, x, fmt="none", ecolor="0.3", elinewidth=1, capsize=2, zorder=2)
-    panel.set_xlim(cost.min() / 1.3, cost.max() * 1.3)
     ratio = np.log2([row.ratio if row.ratio > 0 else math.nan for row in rows])
     ring = np.array([row.code == _DEFAULT for row in rows])
     panel.scatter(cost[ring], error[ring], s=170, facecolor="none", edgecolor="0.2", lw=1.2, zorder=3)
