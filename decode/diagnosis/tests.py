@@ -23,7 +23,7 @@ from ..pixels import AxisTable
 from ..plan import AxisPlan, Code, Plan, plan
 from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
 from .too_few import few_good
-from .windows import EVERY, WIDE, around, contradictions, residual_windows, spread, typical
+from .windows import EVERY, around, contradictions, residual_windows, spread, typical
 
 __all__ = ["Decoded", "Verdict", "judged"]
 
@@ -208,9 +208,9 @@ def _across(image: NDArray[Any]) -> tuple[NDArray[Any], ...]:
 
 
 def _words(seen: _Seen, axis: AxisPlan) -> float:
-    """Share of the ends of cells as wide as a period that are a quarter of it and more off the fringe's."""
+    """Share of the ends of cells that lie a quarter of a period and more off their places by the fringe."""
     code, fit = axis.code, next((one for one in seen.fits[axis.axis] if one is not None), None)
-    if code is None or fit is None or code.cell <= WIDE * fit.period:  # narrower: windows know more
+    if code is None or fit is None:
         return float("nan")
     (first, _, second), waves = _across(_cells(seen, axis, code, 0)), _across(np.exp(2j * np.pi * fit.phase))
     edge = (np.minimum(first, second) >= 0) & (np.abs(first - second) == 1)

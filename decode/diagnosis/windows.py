@@ -22,7 +22,7 @@ from ..correspondence import Flag
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
 
-__all__ = ["EVERY", "WIDE", "around", "contradictions", "residual_windows", "spread", "typical"]
+__all__ = ["EVERY", "around", "contradictions", "residual_windows", "spread", "typical"]
 
 Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
@@ -31,7 +31,7 @@ Numbers = tuple[NDArray[Any], F32 | None, np.float32]
 _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
 #: Least mean phasor of a window, by one sample of a tile and by all; greatest share outside; slack of an
 #: interval, periods; its widths, periods, up to which phasors and shares count; places for a quantile.
-_SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, WIDE, _FEW = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87, 10000
+_SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE, _FEW = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87, 10000
 #: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved.
 _COHERENT, _SHIFT, _MOVED = 0.75, 0.06, 0.2
 #: Share of the windows from which on an axis has no good pixel.
@@ -96,7 +96,7 @@ def contradictions(
     side = _TILE if flags.size <= _ALL else 2 * _TILE
     shape, first = tuple(-(-size // side) for size in flags.shape), _places(flags, side, 1)
     for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
-        if axis.code is None or axis.looked_up or not axis.fringes or code.cell > WIDE * fringes.period[0]:
+        if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
         shares[axis.axis] = 0.0
         for count, least in ((1, _SUSPECT), (_SAMPLES, _LEAST)):
@@ -155,7 +155,7 @@ def _view(
         ends_row(few, light[1], code.ends, 0, low, high)
     read_row(few, light[1], noise, code, 0, low, high, lines[:3], words, middle, reach, error, doubt[0])
     period = fringe.period[0]
-    kept = (doubt[0] == 0) & (2 * reach < WIDE * period)
+    kept = (doubt[0] == 0) & (2 * reach < _WIDE * period)
     middle, width = middle[kept], 2 * reach[kept]
     off = phase[kept] - middle / period
     off -= np.rint(off)
