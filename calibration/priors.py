@@ -135,7 +135,7 @@ def resolved(scene: Scene, given: Mapping[str, float] | None) -> dict[str, float
         if math.isnan(sigma) or sigma < 0:
             raise InputError(f"prior {name} = {sigma}: must be at least 0 (0: held, inf: free)")
         if name in GAUGE_HELD and sigma > 0:
-            raise InputError(f"prior {name} = {sigma}: held by the {GAUGE}")
+            raise InputError(f"prior {name} = {sigma}: must be 0; {GAUGE}")
         priors[name] = sigma
     wide = plausible(scene)
     return {name: wide[name] if sigma == math.inf else sigma for name, sigma in priors.items() if sigma > 0}

@@ -145,9 +145,10 @@ class HeightMap(Comparable):
     def __post_init__(self) -> None:
         require_shapes(self)
         shape, count, step = np.shape(self.z), self.count, self.modes_step
-        if step < 1 or not 0 <= self.own <= count:
-            steps = f"modes_step is {step}, must be at least 1; own {self.own}, must be 0 to {count}"
-            raise InputError(f"height map: {steps}")
+        if step < 1:
+            raise InputError(f"height map: modes_step is {step}, must be at least 1")
+        if not 0 <= self.own <= count:
+            raise InputError(f"height map: own is {self.own}, must be 0 to {count}")
         if not 0 <= self.sinking < math.inf:
             raise InputError(f"height map: sinking is {self.sinking}, must be a length from 0, mm")
         moves = count if self.displacement is None else max(count, len(self.displacement))

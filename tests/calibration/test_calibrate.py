@@ -236,7 +236,7 @@ def bad(name: str) -> object:
         (partial(bad, "twice"), "same pose twice"),
         (partial(bad, "frame"), "z = 0"),
         (partial(bad, "negative"), "at least 0"),
-        (partial(bad, "gauge"), "gauge"),
+        (partial(bad, "gauge"), "must be 0; z = 0 is"),
         (partial(Ball, 0.0, 1.0), "must be"),
         (partial(Rest, 0), "must be"),
         (partial(Covariance, ("a", "b"), np.array([[1.0, 2.0], [2.0, 1.0]])), "not positive"),

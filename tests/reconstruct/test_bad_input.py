@@ -84,7 +84,7 @@ def test_refused(case, fields: dict[str, Any], arguments: dict[str, Any], words:
         ("sigma", np.zeros((24, 31)), "sigma has shape (24, 31), must be H (24) x W (32)"),
         ("modes", np.zeros((2, 24)), "modes has shape (2, 24), must be r x rows x cols"),
         ("modes_step", 1.5, "modes_step is 1.5, must be a whole number"),
-        ("own", 3, "own = 3, 0 to 0"),
+        ("own", 3, "own is 3, must be 0 to 0"),
         ("x", np.full(SHAPE, np.nan), "x is nan at pixel (0, 0), which has no flag"),
     ],
 )
