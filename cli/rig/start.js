@@ -47,7 +47,7 @@ async function draw() {
   sketch();
   const mine = ++drawing, found = await fetch(`/drawing?${new URLSearchParams(answers())}`);
   if (mine !== drawing) return;
-  if (found.status === 404) return;
+  if (found.status === 204) return;
   $("drawing").hidden = false;
   if (!found.ok) { $("drawn-says").textContent = await found.text(); $("drawn-says").className = "error"; return; }
   $("drawn-says").textContent = "The rig from the side, by these numbers."; $("drawn-says").className = "";

@@ -219,7 +219,7 @@ class PageFront:
 
         draw = self._drawing
         if draw is None:
-            return PlainTextResponse("nothing is typed now", 404)
+            return Response(status_code=204)  # nothing is typed now, as the step has ended
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "rig.png"
             try:
