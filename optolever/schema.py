@@ -179,7 +179,7 @@ def _is_text(hint: Any) -> bool:
 
 
 def _array(dtype: Any, value: Any, name: str) -> Any:
-    """An array of the annotation's kind; of numbers with a fraction also of its type."""
+    """An array of the annotation's kind; of numbers with a fraction also of its type, single or double."""
     if dtype is Any:
         return value
     kind = get_origin(dtype) or dtype
@@ -187,8 +187,12 @@ def _array(dtype: Any, value: Any, name: str) -> Any:
         if issubclass(kind, family):
             if not isinstance(value, np.ndarray) or value.dtype.kind not in known:
                 raise _wrong(name, value, f"an array of {words}")
-            if value.dtype.kind == "f" and (np.isfinite(value) & (np.abs(value) > _HUGE)).any():
-                raise InputError(f"{name} holds numbers above {_HUGE:g}, whose squares are none")
+            if value.dtype == np.float16:  # holds neither the limit below nor others of later steps
+                value = value.astype(np.float32)
+            floats = value.dtype.kind == "f"
+            most = float(np.max(np.abs(value), where=np.isfinite(value), initial=0)) if floats else 0.0
+            if most > _HUGE:
+                raise _wrong(name, most, f"at most {_HUGE:g} in size: single precision holds its square")
             return value.astype(kind, copy=False) if family is np.floating and kind is not family else value
     raise TypeError(f"{name}: {dtype} has no rule")
 

@@ -12,6 +12,7 @@ import shutil
 import signal
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, replace
@@ -156,7 +157,8 @@ def _outcome(run: Run, number: int, kind: str, args: list[str], work: Path) -> O
     start, code, fault = time.process_time(), None, ""
     with (work / "stderr").open("w+", encoding="utf-8", errors="replace") as said:
         try:
-            with chdir(work), _into(said), redirect_stdout(io.StringIO()), _limited():
+            strict = warnings.catch_warnings(action="error", category=RuntimeWarning)
+            with chdir(work), _into(said), redirect_stdout(io.StringIO()), _limited(), strict:
                 code = run(args)
         except SystemExit as error:
             code = error.code if isinstance(error.code, int) else 1

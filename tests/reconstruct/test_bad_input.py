@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
-from optolever.decode import Correspondence
+from optolever.decode import Correspondence, SharedNoise
 from optolever.reconstruct import HeightMap, PixelAnchor, PointAnchor, reconstruct
 from optolever.scene import load
 
@@ -85,6 +85,7 @@ def test_refused(case, fields: dict[str, Any], arguments: dict[str, Any], words:
         ("modes", np.zeros((2, 24)), "modes has shape (2, 24), must be r x rows x cols"),
         ("modes_step", 1.5, "modes_step is 1.5, must be a whole number"),
         ("own", 3, "own is 3, must be 0 to 0"),
+        ("z", np.full(SHAPE, -1e38), "z is 1e+38, must be at most 1e+18 in size"),
         ("x", np.full(SHAPE, np.nan), "x is nan at pixel (0, 0), which has no flag"),
     ],
 )
@@ -97,6 +98,19 @@ def test_a_damaged_height_map_names_file_and_field(name: str, value: Any, words:
     with pytest.raises(InputError, match="^" + re.escape(f"{tmp_path / 'bad.npz'}: ")) as caught:
         HeightMap.load(tmp_path / "bad.npz")
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["u", "amplitude"])
+def test_a_correspondence_stored_in_half_precision_is_reconstructed(case, name: str, tmp_path: Path) -> None:
+    scene, _, exact = case
+    lens = SharedNoise(0, 0, 0, 0, 1, 1, lens_u=0.1, lens_v=0.1)
+    correspondence = replace(exact, amplitude=np.full(SHAPE, 80.7, np.float32), shared_noise=lens)
+    correspondence.save(tmp_path / "c.npz")
+    with np.load(tmp_path / "c.npz") as stored:
+        np.savez(tmp_path / "half.npz", **{**stored, name: stored[name].astype(np.float16)})
+    rounded = getattr(correspondence, name).astype(np.float16).astype(np.float32)
+    expected = reconstruct(replace(correspondence, **{name: rounded}), scene)
+    assert reconstruct(Correspondence.load(tmp_path / "half.npz"), scene) == expected
 
 
 def test_nan_in_an_unflagged_pixel_is_flagged_not_fatal(case) -> None:
