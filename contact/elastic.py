@@ -333,7 +333,7 @@ def _figures(
     sides = [np.linspace(at.min() - _AROUND * size, at.max() + _AROUND * size, _FINE) for at in (x, y)]
     z, by = heights(*(part.ravel() for part in np.meshgrid(*sides)))
     cell = float(np.ptp(sides[0]) * np.ptp(sides[1])) / (_FINE - 1) ** 2
-    rise = np.maximum(np.hypot(*np.gradient(z.reshape(_FINE, _FINE))).ravel(), 1e-9 * depth)
+    rise = np.maximum(np.hypot(*np.gradient(z.reshape(_FINE, _FINE))).ravel(), 1e-9 * abs(depth))
     share = np.clip(0.5 + (z - 0.5 * depth) / rise, 0.0, 1.0) * cell
     turn[6] = (by - 0.5 * turn[3][:, None]) @ np.where((share > 0) & (share < cell), cell / rise, 0.0)
     turn[7] = by @ share + 0.5 * depth * turn[6]

@@ -44,6 +44,12 @@ def test_a_dent_that_fades_is_no_such_contact() -> None:
             assert elastic_fits(made, regions(made), layer) == [None]
 
 
+def test_a_mirror_that_rises_around_a_dent_is_no_such_contact() -> None:
+    """Its load would be negative, and its slope is zero in the middle: no warning of a division."""
+    dent = surface(ball(30, 22, 4.5, 0.1))
+    assert elastic_fits(surface(-dent.z), regions(dent), None) == [None]
+
+
 @pytest.mark.parametrize("thickness", [14.0, 24.0])
 def test_the_thickness_of_a_layer_is_found(thickness: float) -> None:
     """By waves of Airy's stress (`base`), on which the anchor's sinking is free."""
