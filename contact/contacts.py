@@ -14,7 +14,7 @@ from optolever.quantities import quantity
 from optolever.scene import Layer
 from optolever.schema import built
 
-from .elastic import ElasticFit
+from .elastic import CLEAR, ElasticFit
 from .pressure import forces_on
 from .regions import Region, areas
 from .surface import Surface, filled, spread
@@ -29,7 +29,6 @@ _CURVED = 3.0  # sigma of a curvature, from which on its radius is finite
 _DIPOLE = 1 / 3  # of the noise at an outline: what moves its centroid
 _ROUNDING = 1 / math.sqrt(180)  # of a cell: the share of an area that an outline cuts off at random
 _ROUGH, _UNSEEN = 0.02, 0.12  # of a fit's depth: least sigma, of one that is not measured
-_CLEAR = 0.9  # share of a contact's cells that are measured: below, its figures are the field's
 _ROUND = 0.6  # power of a pressure: below, a ball's or a flat punch's
 
 
@@ -171,7 +170,7 @@ def _contact(
     weight = dent.share * dent.cell
     depth, noise, tip, ended = _depth(dent)
     at_least, (radius, radius_sigma) = ended, _indenter(dent, depth)
-    dark = float(dent.measured[dent.inside].mean()) < _CLEAR
+    dark = float(dent.measured[dent.inside].mean()) < CLEAR
     shift = np.zeros((len(dent.modes), 2, 3)) if surface.displacement is None else surface.displacement
     modes = np.pad(dent.modes, ((0, len(shift) - len(dent.modes)), (0, 0), (0, 0)))
     depth_sigma = norm(noise, tip, *modes[:, *dent.peak])

@@ -32,10 +32,11 @@ from .pressure import BONDED, bonded
 from .regions import Region
 from .surface import Surface
 
-__all__ = ["ElasticFit", "elastic_fits"]
+__all__ = ["CLEAR", "ElasticFit", "elastic_fits"]
 
 _MOST, _FEWEST = 3000, 40  # cells of a fit
-_CLEAR = 0.9  # share of a contact's cells that are measured, where a thickness is said
+#: Share of a contact's cells that are measured: below, its figures are the field's and no thickness is named.
+CLEAR = 0.9
 _INDEPENDENT, _MISFIT = 36.0, 9.0  # independent samples of the map's noise, of its further residual
 _NEAR, _REACH = 1.3, 8.0  # radii of a contact: where a flank begins, and ends
 _WIDER = 1.6  # resolutions: up to there a map smooths a contact to a wider one
@@ -130,7 +131,7 @@ def elastic_fits(
     poisson, thickness = (0.5, None) if layer is None else (layer.poisson, layer.thickness_mm)
     base = _Base(thickness or math.inf, poisson)
     found: list[ElasticFit | None] = [None] * len(regions)
-    clear = [float(surface.good[one.box][one.inside].mean()) > _CLEAR for one in regions]
+    clear = [float(surface.good[one.box][one.inside].mean()) > CLEAR for one in regions]
     for search in (False, True)[: 1 + (thin and thickness is None)]:
         # half a disc is as long as two: it is one, unless one does not make the field
         for single in (True, False)[0 if any(one.cut for one in regions) else 1 :]:

@@ -16,7 +16,7 @@ from .neighbours import Mask, Result
 __all__ = ["beyond_rims"]
 
 #: Pixels around that a quadratic takes, on either side; share of the light around below which a pixel is
-#: unlit; largest variance, over that of one pixel, and of what is left, over noise; how many pixels of a
+#: unlit; largest variance, over that of one pixel, and of the residual, over noise; how many pixels of a
 #: rim share an error.
 _AROUND, _UNLIT, _MOST, _LEFT, _ALIKE = 5, 0.3, 4.0, 4.0, 9.0
 

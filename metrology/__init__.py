@@ -12,7 +12,7 @@
 | `runs.py` | mean and difference of runs, rotated ones too |
 | `figures.py` | PVr, rms less its noise, waves, limits |
 | `slope_error.py` | `slope_errors`: rms of the residual's slopes, less their noise, with sigma |
-| `functionals.py` | covariance of fitted parameters, and of what they leave, by slope noise |
+| `functionals.py` | covariance of fitted parameters and of residuals, by slope noise |
 
 Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirror has a radius above 0.
 """

@@ -1,4 +1,4 @@
-"""Arrays by what they hold (shapes stand where they are used); their norms and medians."""
+"""Types of arrays by their content (shapes stand at each use); their norms and medians."""
 
 from typing import Any
 

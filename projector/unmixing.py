@@ -58,7 +58,8 @@ class ColourResponse:
     def __post_init__(self) -> None:
         require_shapes(self)
         if not np.linalg.cond(self.mix) < _WORST:
-            raise InputError(f"colour: mix is {self.mix.tolist()}, its channels cannot be told apart")
+            cure = "measure it again: optolever response --colour"
+            raise InputError(f"colour: mix is {self.mix.tolist()}, its rows nearly agree; {cure}")
         if self.mosaic not in (None, *MOSAICS):
             raise InputError(f"colour: mosaic is {self.mosaic!r}, must be one of {', '.join(MOSAICS)}")
 

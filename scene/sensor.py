@@ -20,7 +20,7 @@ MOSAICS = ("RGGB", "GRBG", "GBRG", "BGGR")
 
 
 def _mix(name: str, value: Any) -> Float:
-    """(3, 3) shares of at least 0 that can be told apart."""
+    """(3, 3) shares of at least 0 that can be separated."""
     if not isinstance(value, list | tuple | np.ndarray) or len(value) != 3:
         raise InputError(f"{name} = {value!r}: must be three lists of three numbers")
     mix = np.stack([vector(f"{name}[{k}]", row) for k, row in enumerate(value)])

@@ -38,7 +38,7 @@ Rows = dict[str, tuple[Candidate, Tradeoff]]  # by the code's name
 
 
 def chart_rows(progress: Progress) -> Iterator[tuple[str, str, Rows]]:
-    """Scene, condition, their codes: named ones, and those that `design` finds for photon noise."""
+    """Scene, condition, their codes: named ones, and the ones of `design` for photon noise."""
     for at, (name, size) in enumerate(SCENES.items()):
         scene = resize(load(name, exact=True), *size)
         cells = scene.pattern.rows, scene.pattern.cols

@@ -137,7 +137,7 @@ def _batch(_: Path) -> Iterator[str]:
 
 
 def _head(command: str, text: str) -> list[str]:
-    """Command, time and machine, what it measures."""
+    """Command, time, machine and the measured quantity."""
     return [*_filled(f"`{command}`, {datetime.now():%Y-%m-%d}, commit {_commit()}, {_machine()}: {text}"), ""]
 
 
