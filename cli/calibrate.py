@@ -133,8 +133,7 @@ def command(
         with ol.files.together():
             found.scene.save(out, keep=name)
             if page is not None:
-                took = {"adjust": numbers["seconds"]}
-                ol.report.write_rig_report(scene, found, numbers["judged"], took, page)
+                ol.report.write_rig_report(scene, found, numbers["judged"], page)
             write_json(json_path, numbers)
     print_notices(found.notices)
     print_notices(ol.calibration.unused_accuracy(scene))

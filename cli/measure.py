@@ -102,9 +102,8 @@ def command(
             height = ol.reconstruct.with_slope_noise(height, plain)
             height.save(out / "h.npz")
             found = ol.samples.Measurement(
-                height, seen, capture, scene, source=f"{out.name}/h.npz", rig=str(rig),
-                simulated=devices is not None and devices.camera == "virtual", saved=("c.npz", "h.npz"),
-                rest=rest,
+                height, seen, scene, source=f"{out.name}/h.npz", rig=str(rig), saved=("c.npz", "h.npz"),
+                origin="simulated" if devices and devices.camera == "virtual" else "measured", rest=rest,
             )  # fmt: skip
             ol.report.write_measurement_report(out / "report.html", found, full=True)
             noise, rig_error = medians(height.good, height.sigma, height.calibration_sigma)

@@ -12,8 +12,7 @@ from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
 from .printing import medians, noise_and_rig, number, print_notices, table, write_json
 
 SAMPLE = """
-$ optolever report h.npz --correspondence c.npz --capture capture \\
-      --scene capture/scene.toml --out report
+$ optolever report h.npz --correspondence c.npz --scene capture/scene.toml --out report
 Report of h.npz: simulated, geometry known
   good   98.83 % of the pixels
   sigma  ± 39 nm noise (medians)
@@ -22,7 +21,6 @@ Report of h.npz: simulated, geometry known
 
 
 CORRESPONDENCE = Opt("--correspondence C.npz", "File of decode: adds maps of u and v, and slopes.")
-CAPTURE = Opt("--capture DIR", "Capture folder: adds its frames.")
 REST = rest_file("slopes and dents are those less rest, as in reconstruct")
 REMOVE = Opt(
     "--remove FORM[:NUMBER=VALUE,...]",
@@ -38,7 +36,6 @@ FILES = ReportFolder(*PAGE, full=PAGE_IN_FULL)
 def command(
     source: Annotated[Path, Arg("H.npz")],
     correspondence: Annotated[Path | None, CORRESPONDENCE] = None,
-    folder: Annotated[Path | None, CAPTURE] = None,
     rest_path: Annotated[Path | None, REST] = None,
     scene_name: Annotated[str | None, preset(": adds its drawing, areas, slopes and dents")] = None,
     form: Annotated[str | None, REMOVE] = None,
@@ -66,10 +63,8 @@ def command(
             raise InputError(f"--less {path}: is the map {source} itself; give another map of the rig")
     given = ol.samples.Measurement(
         height, None if correspondence is None else ol.decode.Correspondence.load(correspondence),
-        None if folder is None else ol.projector.Capture.load(folder),
         None if scene_name is None else load_scene(scene_name, None if Path(scene_name).exists() else size),
         source=str(source), name=name, rig=scene_name or "",
-        simulated=folder is not None and (folder / "truth.npz").is_file(),
         form="" if form == "none" else form, less=others, apertures=apertures, waves=waves, apart=True,
         rest=None if rest_path is None else ol.decode.Correspondence.load(rest_path),
     )  # fmt: skip

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from optolever.arrays import Floats
 from optolever.files import atomic_file
-from optolever.images import new_figure
 from optolever.quantities import length_unit
 from optolever.records import default_style
 
@@ -58,9 +57,12 @@ def write_tradeoff_chart(
     """Write a PNG: height error over cost, standard deviations over the seeds as bars, error over sigma as
     the colour, a ring around the default, the codes that no other beats in both as a grey line. names: marks
     other than numbers, drawn as diamonds."""
+    from matplotlib.figure import Figure
+
     marks, places, letters = None, [], names or {}
     size = len(panels), max(map(len, panels), default=1)
-    figure = new_figure(_WIDTH * size[1], _HEIGHT * size[0])
+    inches = _WIDTH * size[1], _HEIGHT * size[0]
+    figure = Figure(figsize=inches, dpi=110, layout="constrained", facecolor="white")
     every = [row for line in panels for panel in line for row in panel.rows if _drawn(row)]
     found = dict.fromkeys(row.code for line in panels for panel in line for row in panel.rows)
     codes = [code for code in found if code not in letters]

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from optolever.arrays import Floats
-from optolever.images import robust_limits, thin
 from optolever.quantities import length_unit
 from optolever.reconstruct import HeightMap
+
+from .flag_table import FlagRow, flag_index
 
 __all__ = [
     "VERTICES", "Data", "Layer", "MirrorGrid", "camera_map", "chart", "error_charts", "length_layer",
@@ -28,7 +29,7 @@ CELLS, SAMPLES = 500_000, 800_000  # of a map; of all its layers together
 VERTICES = 150  # of the surface, on the longer side of the image
 CAMERA = 220  # samples of a map of the camera's pixels, on the longer side
 BINS = 12
-MOST = 400_000  # samples that enter a chart; the numbers on the page use them all
+MOST = 400_000  # samples that enter a chart, or a colour scale's limits
 _OF_OPENCV = {"viridis": cv2.COLORMAP_VIRIDIS, "cividis": cv2.COLORMAP_CIVIDIS}
 #: Colours between which others are interpolated. RdBu: Cynthia Brewer, colorbrewer2.org.
 _KNOTS = {"RdBu_r": "053061 2166ac 4393c3 92c5de d1e5f0 f7f7f7 fddbc7 f4a582 d6604d b2182b 67001f"}
@@ -127,17 +128,17 @@ def mirror_map(x: Floats, y: Floats, layers: Sequence[Layer]) -> Data:
     }  # fmt: skip
 
 
-def camera_map(layers: Sequence[Layer], flags: NDArray[np.uint8], colours: Sequence[tuple[str, str]]) -> Data:
-    """Layers as the camera sees them, row 0 on top; flags (H, W): place of each pixel in the names and
-    colours of its reasons."""
+def camera_map(flags: NDArray[np.integer], rows: Sequence[FlagRow]) -> Data:
+    """Flags (H, W) as the camera sees them, row 0 on top: of each pixel its first reason among the rows."""
     step = max(1, -(-max(flags.shape) // CAMERA))
     pixel = thin(np.arange(flags.size).reshape(flags.shape), CAMERA)
-    drawn = [layer.data(thin(layer.values, CAMERA)) for layer in layers]
-    drawn.append({"name": "flags", "unit": "", "low": 0, "high": 255, "digits": 0, "colours": "", "sigma": "",
-                  "true": "", "data": _base64(thin(flags, CAMERA)), "log": False,
-                  "categories": list(colours)})  # fmt: skip
+    marked = [row for row in rows if row.bit >= 0]
+    index = flag_index(thin(flags, CAMERA), [row.bit for row in marked])
+    drawn = {"name": "flags", "unit": "", "low": 0, "high": 255, "digits": 0, "colours": "", "sigma": "",
+             "true": "", "data": _base64(index), "log": False,
+             "categories": [(row.name, row.colour) for row in marked]}  # fmt: skip
     start = step // 2 - 0.5 * step
-    return _map(pixel, (start, start), step, layers, drawn) | {
+    return _map(pixel, (start, start), step, (), [drawn]) | {
         "x": "camera column [px]", "y": "camera row [px]", "down": True, "cols": flags.shape[1]
     }  # fmt: skip
 
@@ -243,3 +244,26 @@ def surface_data(surface: HeightMap, name: str, signed: bool) -> Data:
             layer.data(np.nan_to_num(layer.values)) | {"lut": _lut(layer.colours)} for layer in colourings
         ],
     }
+
+
+def thin(array: NDArray[Any], side: int) -> NDArray[Any]:
+    """Every k-th row and column of an array, at most `side` of each: samples, never averages."""
+    step = max(1, -(-max(array.shape[:2]) // side))
+    return array[step // 2 :: step, step // 2 :: step]
+
+
+def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = False) -> tuple[float, float]:
+    """Limits of a colour scale that hold this share of the finite values; (0, 1) of nothing."""
+    finite = values[np.isfinite(values)]
+    finite = finite[:: max(1, finite.size // MOST)]
+    if not finite.size:
+        return (-1.0, 1.0) if symmetric else (0.0, 1.0)
+    if symmetric:
+        limit = float(np.quantile(np.abs(finite), share)) or 1.0
+        return -limit, limit
+    low, high = (float(q) for q in np.quantile(finite, (1 - share, share)))
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _uri(data: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")

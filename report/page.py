@@ -19,7 +19,6 @@ from optolever import __version__
 from optolever.charts import chart_file
 from optolever.files import atomic_file, write_rows
 from optolever.quantities import quantity, two_digits
-from optolever.timing import peak_bytes
 
 __all__ = ["Figures", "Table", "budget_table", "embedded_json", "write_page"]
 
@@ -72,9 +71,9 @@ def budget_table(readings: Mapping[str, Mapping[str, float]], figures: Figures) 
     return Table("budget-table", ("standard deviation", *readings), rows)
 
 
-def write_page(path: str | Path, template: str, seconds: dict[str, float], context: dict[str, Any]) -> None:
+def write_page(path: str | Path, template: str, context: dict[str, Any]) -> None:
     """Write the page of a template in page/, atomically, into a folder that is created if absent. Its
-    context gets the common entries of all pages: seconds of the stages, the program's command."""
+    context gets the common entries of all pages, such as the program's command."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -85,15 +84,12 @@ def write_page(path: str | Path, template: str, seconds: dict[str, float], conte
     )
     environment.filters["quantity"] = quantity
     environment.filters["figures"] = two_digits
-    longest = max((each for name, each in seconds.items() if name != "total"), default=0.0) or 1.0
     common = {
         "notices": (),
         "version": __version__,
         "versions": _versions(),
         "style": _text(chart_file("uplot.min.css"), FOLDER / "style.css"),
         "scripts": _text(chart_file("uplot.min.js"), *(FOLDER / name for name in SCRIPTS)),
-        "seconds": {name: (each, 100 * each / longest) for name, each in seconds.items()},
-        "memory_gib": peak_bytes() / 2**30,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
     html = environment.get_template(template).render(common | context)

@@ -4,6 +4,7 @@ errors; the prose is in report/rig.html.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,13 @@ from optolever.calibration import (
     predicted_budget,
     sigma_at_rest,
 )
-from optolever.images import figure_uri, label_axes, new_figure, robust_limits
-from optolever.quantities import length_unit, quantity
+from optolever.quantities import quantity
 from optolever.reconstruct import HeightMap
-from optolever.records import default_style
 from optolever.samples import rms
 from optolever.scene import Scene
 
-from .page import Figures, Table, budget_table, write_page
+from .maps import Data, Layer, length_layer, mirror_map
+from .page import Figures, Table, budget_table, embedded_json, write_page
 from .rig_drawing import rig_drawing
 
 #: Red on the page: chi above the first; a parameter farther from its prior, in prior sigma, than the second.
@@ -45,19 +45,17 @@ _JUDGED = {
 }
 
 
-@default_style()
 def write_rig_report(
     given: Scene,
     found: Calibration,
     judged: Mapping[str, Mapping[str, float | None]],
-    seconds: dict[str, float],
     path: str | Path,
 ) -> None:
-    """Write the page of a calibration of a given rig. judged: capture -> its `calibration.Judgement`; seconds
-    per stage."""
+    """Write the page of a calibration of a given rig. judged: capture -> its `calibration.Judgement`."""
     scene, rest = found.scene, sigma_at_rest(found.scene)
     heads, rows = judged_table(judged)
     drawing, bar = rig_drawing({"before": given, "after": scene})
+    heights = _modes(rest)
     remarks = [(bool(each.cure or each.limit == each.limit), str(each)) for each in found.notices]
     context = {
         "name": scene.name,
@@ -65,21 +63,22 @@ def write_rig_report(
         "chi": found.adjustment.chi,
         "sigma": float(np.nanmedian(rest.calibration_sigma)),
         "remarks": sorted(remarks, key=lambda each: not each[0]),
-        "captures": [(name, rms(np.concatenate(parts[2:])), _residual_figure(parts))
-                     for name, parts in found.residuals.items()],
+        "captures": [(name, rms(np.concatenate(parts[2:]))) for name, parts in found.residuals.items()],
         "judged": Table("judged-table", heads, rows, kinds=[
             "beyond" if (each.get("chi") or 0.0) > MOST_CHI else "" for each in judged.values()]),
         "limits": {"chi": MOST_CHI, "off": MOST_OFF, "gain": LEAST_GAIN},
         "numbers": _parameter_table(found.parameters),
-        "correlations": _correlation_figure(scene),
+        "correlations": _correlations(scene),
         "drawing": drawing,
         "bar": bar,
-        "heights": _sigma_figure(rest),
+        "maps": embedded_json({"heights": heights} | {
+            f"capture-{k}": _residuals(*parts) for k, parts in enumerate(found.residuals.values(), 1)}),
+        "layers": [each["name"] for each in heights["layers"]],
         "budget": budget_table(predicted_budget(scene), Figures()),
         "depth": scene.mirror.length * PREDICTED_DEPTH,
         "noise": PREDICTED_NOISE,
     }  # fmt: skip
-    write_page(path, "rig.html", seconds, context)
+    write_page(path, "rig.html", context)
 
 
 def judged_table(judged: Mapping[str, Mapping[str, float | None]]) -> tuple[list[str], list[list[str]]]:
@@ -105,55 +104,35 @@ def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
     return Table("numbers-table", heads, rows, kinds=kinds)
 
 
-def _residual_figure(found: tuple[Floats, Floats, Floats, Floats]) -> str:
-    row, col, *parts = found
-    figure = new_figure(8.0, 2.6)
-    for axes, values, name in zip(figure.subplots(1, 2), parts, ("u", "v"), strict=True):
-        _draw_points(axes, (col, row), values, f"{name}: predicted less measured", "sigma")
-        axes.invert_yaxis()
-    return figure_uri(figure)
+def _residuals(row: Floats, col: Floats, u: Floats, v: Floats) -> Data:
+    """Map of a capture's residuals (n,) at its pixels (n,)."""
+    side = math.ceil(math.sqrt(row.size))
+    square = np.full((4, side * side), np.nan)
+    square[:, : row.size] = row, col, u, v
+    rows, cols, *parts = square.reshape(4, side, side)
+    layers = [
+        Layer(name, part, "sigma", "RdBu_r", True, digits=3) for name, part in zip("uv", parts, strict=True)
+    ]
+    axes = {"x": "camera column [px]", "y": "camera row [px]", "down": True, "cols": 0}
+    return mirror_map(cols, rows, layers) | axes
 
 
-def _draw_points(
-    axes: Any, at: tuple[Floats, Floats], values: Floats, title: str, unit: str, x: str = ""
-) -> None:
-    """Values at their positions; a diverging colour map for signed values."""
-    signed = bool(np.nanmin(values, initial=0.0) < 0)
-    low, high = robust_limits(values, symmetric=signed)
-    colours = "RdBu_r" if signed else "viridis"
-    drawn = axes.scatter(*at, c=values, s=6, cmap=colours, vmin=low, vmax=high, marker="s")
-    axes.set_aspect("equal")
-    label_axes(axes, x, title=title, frame=True)
-    axes.figure.colorbar(drawn, ax=axes, label=unit)
-
-
-def _correlation_figure(scene: Scene) -> str:
+def _correlations(scene: Scene) -> Table:
     assert scene.covariance is not None
-    matrix = scene.covariance.matrix
+    names, matrix = scene.covariance.names, scene.covariance.matrix
     scale = np.sqrt(np.diag(matrix))
-    size = 2.0 + 0.24 * len(scale)
-    figure = new_figure(size + 1.0, size)
-    axes = figure.subplots()
-    drawn = axes.imshow(matrix / np.outer(scale, scale), cmap="RdBu_r", vmin=-1, vmax=1)
-    ticks = range(len(scale))
-    axes.set_xticks(ticks, scene.covariance.names, rotation=90, fontsize=7)
-    axes.set_yticks(ticks, scene.covariance.names, fontsize=7)
-    figure.colorbar(drawn, ax=axes, label="correlation")
-    return figure_uri(figure)
+    shares = np.rint(100 * matrix / np.outer(scale, scale)).astype(int).tolist()
+    rows = [[name, *map(str, row)] for name, row in zip(names, shares, strict=True)]
+    return Table("correlations", ("per cent", *names), rows)
 
 
-def _sigma_figure(rest: HeightMap) -> str:
+def _modes(rest: HeightMap) -> Data:
+    """Map of the height's sigma by the rig and of its two largest independent modes."""
     assert rest.calibration is not None
     _, sizes, right = np.linalg.svd(np.nan_to_num(rest.calibration.reshape(len(rest.calibration), -1)), False)
-    known = np.isfinite(rest.z)
-    factor, unit = length_unit(float(np.nanmax(rest.calibration_sigma)))
-    maps = {"sigma of the height": rest.calibration_sigma}
+    known, layers = np.isfinite(rest.z), [length_layer("sigma", rest.calibration_sigma, "cividis", digits=3)]
     for k, (size, mode) in enumerate(zip(sizes[:2], right[:2], strict=True)):
         if size > 1e-6 * sizes[0]:
-            maps[f"mode {k + 1}"] = (size * mode).reshape(known.shape)
-    figure = new_figure(10.0, 2.8)
-    for axes, (name, values) in zip(
-        figure.subplots(1, len(maps), squeeze=False)[0], maps.items(), strict=True
-    ):
-        _draw_points(axes, (rest.x, rest.y), np.where(known, factor * values, np.nan), name, unit, "x [mm]")
-    return figure_uri(figure)
+            values = np.where(known, (size * mode).reshape(known.shape), np.nan)
+            layers.append(length_layer(f"mode {k + 1}", values, "RdBu_r", True, digits=3))
+    return mirror_map(np.where(known, rest.x, np.nan), rest.y, layers)

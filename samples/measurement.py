@@ -14,7 +14,6 @@ from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.metrology import FormFit, ZernikeFit, aperture_circle, aperture_mask, fit_form, fit_zernike
 from optolever.notices import Notice
-from optolever.projector import Capture
 from optolever.reconstruct import (
     Contact,
     CurvatureMap,
@@ -31,18 +30,17 @@ __all__ = ["Measurement", "Study"]
 
 ZERNIKE = 6  # radial order
 _SAMPLE, _OFF_RAY = 2000, 0.1  # pixels; of a pixel on the mirror
-_UNLIKE, _NONE, _FEW = 0.1, 0.33, 0.01  # of 1 less a correlation; of the pixels: of right captures none
 _OTHER, _PART = 10.0, 0.3  # sigmas of slopes, 1.3 where right; of the slopes themselves
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """A measurement: the height map, and if known its correspondence, capture and scene, and the truth.
+    """A measurement: the height map, and if known its correspondence and scene, and the truth.
 
     metrics: against the truth (`metrics.height_metrics`). source: origin of the map; name: of the map in
-    differences; rig: file of the scene; simulated: the frames are simulated. form: to be subtracted
-    (`metrology.fit_form`); '': none; None: a sphere for a mirror in open air. less: maps of the same rig by
-    name, for differences. saved: existing files of the page's folder.
+    differences; rig: file of the scene; origin: 'simulated', 'measured' or '', not known. form: to be
+    subtracted (`metrology.fit_form`); '': none; None: a sphere for a mirror in open air. less: maps of the
+    same rig by name, for differences. saved: existing files of the page's folder.
     rest: the correspondence of the mirror at rest, of a map reconstructed against it. apertures: of the form
     and its deviation (`metrology.aperture_mask`). waves: nm, of the wavefront on the page (None: none).
     apart: the records are of files that may not belong together; InputError where they contradict each other.
@@ -50,14 +48,13 @@ class Measurement:
 
     height: HeightMap
     correspondence: Correspondence | None = None
-    capture: Capture | None = None
     scene: Scene | None = None
     truth: Trace | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     name: str = "this map"
     rig: str = ""
-    simulated: bool = False
+    origin: str = ""
     form: str | None = None
     less: Mapping[str, HeightMap] = field(default_factory=dict)
     saved: tuple[str, ...] = ()
@@ -67,9 +64,8 @@ class Measurement:
     apart: bool = False
 
     def __post_init__(self) -> None:
-        size, own, frames = self.height.z.shape, self.correspondence, self.capture
+        size, own = self.height.z.shape, self.correspondence
         sizes = {
-            "capture: its frames have": None if frames is None else frames.shape,
             "correspondence: has": None if own is None else own.u.shape,
             "scene: its camera has": None
             if self.scene is None
@@ -84,9 +80,6 @@ class Measurement:
         if (self.height.good & ~own.good).any():
             what = f"knows {(self.height.good & ~own.good).sum()} good pixels of the height map not"
             raise InputError(f"correspondence: {what}; give the one that it was reconstructed from")
-        if frames is not None and (share := _unlike(own, frames)) > _FEW:
-            what = f"show other patterns than the correspondence in {100 * share:.2g} % of the pixels"
-            raise InputError(f"capture: its frames {what}; give the capture that was decoded")
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -144,15 +137,14 @@ class Measurement:
 
     @property
     def provenance(self) -> str:
-        """Simulated or measured, and how the geometry is known."""
-        scene = self.scene
-        word = "simulated" if self.simulated or (scene is not None and scene.exact) else "measured"
+        """Simulated or measured, if that is known, and how the geometry is known."""
+        scene, word = self.scene, self.origin and f"{self.origin}, "
         if scene is None:
-            return f"{word}, rig not given"
+            return f"{word}rig not given"
         if scene.exact:
             known = self.height.modes is None
-            return f"{word}, {'geometry known' if known else 'heights by another rig than this scene'}"
-        rig = f"{word}, rig {self.rig or scene.name}"
+            return f"simulated, {'geometry known' if known else 'heights by another rig than this scene'}"
+        rig = f"{word}rig {self.rig or scene.name}"
         if scene.covariance is None:
             return f"{rig}, typed numbers, not calibrated"
         return f"{rig}, calibrated on {scene.covariance.date or 'a day that its file does not name'}"
@@ -198,24 +190,6 @@ def _contacts(given: Measurement) -> tuple[Contact, ...] | None:
     if height.contacts is not None or scene is None or given.open_air or not height.good.any():
         return height.contacts
     return contacts(height, scene.layer)
-
-
-def _unlike(found: Correspondence, capture: Capture) -> float:
-    """Share of the good pixels whose levels correlate less with the patterns at their place than noise and
-    blur explain, which are the same in most pixels."""
-    row, col = (part[:: max(1, len(part) // _SAMPLE)] for part in np.nonzero(found.good))
-    shown, limits = capture.sequence, (capture.sequence.rows - 1, capture.sequence.cols - 1)
-    v, u = (
-        np.rint(part[row, col]).clip(0, most).astype(np.int64)
-        for part, most in zip((found.v, found.u), limits, strict=True)
-    )
-    patterns = np.stack([shown.render_frame(k)[v, u] for k in range(len(shown))]).astype(np.float64)
-    levels = capture.frames[:, row, col].astype(np.float64)
-    a, b = patterns - patterns.mean(axis=0), levels - levels.mean(axis=0)
-    with np.errstate(invalid="ignore"):  # a pixel of constant level
-        away = 1 - (a * b).sum(axis=0) / np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
-    away = away[np.isfinite(away)]
-    return float((away > min(5 * np.median(away) + _UNLIKE, _NONE)).mean()) if away.size else 0.0
 
 
 def _require_same(height: HeightMap, slopes: SlopeMap) -> None:

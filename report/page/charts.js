@@ -1,5 +1,5 @@
 // Maps and charts of a measurement, drawn by uPlot (axes, zoom, cursor). JSON blocks of the page:
-// map-data: name -> {x0, y0, dx, dy, nx, ny, x, y, down, cols, pixel: base64 int32, luts: base64 of RGB,
+// map-data: name -> {x0, y0, dx, dy, nx, ny, x, y, down, cols, pixel: base64 int32 (cols 0: no pixel's), luts: base64 of RGB,
 //   layers: [{name, unit, low, high, digits, colours, sigma, true, data: base64 float32, categories}]}
 // chart-data: id -> {title, x, series: [{name, kind, values}], axes, log, names, range}
 "use strict";
@@ -221,8 +221,8 @@ class MapPlot {
       return `${layer.name} ${number(value, layer.digits)} ${layer.unit}`;
     });
     const place = [u.posToVal(u.cursor.left, "x"), u.posToVal(u.cursor.top, "y")].map((v) => number(v, 5));
-    this.readout.textContent =
-      `(${place}), camera pixel row ${Math.floor(pixel / cols)}, column ${pixel % cols}: ${texts.join("; ")}`;
+    const of = cols ? `, camera pixel row ${Math.floor(pixel / cols)}, column ${pixel % cols}` : "";
+    this.readout.textContent = `(${place})${of}: ${texts.join("; ")}`;
   }
 }
 
@@ -358,15 +358,17 @@ const SIZES = { mm: 1, "\u00b5m": 1e-3, nm: 1e-6 };
 const inUnit = (from, to) => (from in SIZES && to in SIZES ? SIZES[from] / SIZES[to] : 1);
 
 function drawAll() {
-  const models = read("map-data"), charts = read("chart-data");
+  const models = read("map-data"), charts = document.getElementById("chart-data") ? read("chart-data") : {};
   const maps = [...document.querySelectorAll("figure.map")].map((figure) => new MapPlot(figure, models[figure.dataset.map]));
-  const [main] = maps;
-  const profiles = new Profiles(main);
   const select = document.getElementById("layer");
-  select.addEventListener("change", () => {
-    main.show(select.value);
-    profiles.update();
-  });
+  if (select) {
+    const [main] = maps;
+    const profiles = new Profiles(main);
+    select.addEventListener("change", () => {
+      main.show(select.value);
+      profiles.update();
+    });
+  }
   for (const [id, spec] of Object.entries(charts)) chart(document.getElementById(id), spec);
   recoloured(() => plots.forEach((plot) => plot.redraw(false)));
   page.dataset.charts = "ready";

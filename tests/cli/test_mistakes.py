@@ -46,7 +46,6 @@ report {h} --rest {c} --out {out} | needs --correspondence and --scene
 reconstruct {c} --scene prism48 --keep-rest --out {out}.npz | prism48 | rig new
 camera measure --rig prism48 --out {out} | prism48: no such file | rig new
 camera expose --rig prism48 | prism48: no such file | rig new
-report {h} --capture {out}/none --out {out} | none | no such folder
 decode {capture} --mask {out}.png --out {out}.npz | out.png | no such file
 decode {c} --out {out}.npz | is no folder of frames | --sequence
 live --pixels 8x8 --headless | 8 x 8 pixels | at least 66 x 66

@@ -1,18 +1,22 @@
 """The calibration's page: where the camera is drawn, and what is red."""
 
+import base64
+import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pytest
 
 from optolever.notices import Notice
 from optolever.report import write_rig_report
 from optolever.scene import Covariance, load, resize
+
+Browser = Callable[..., str]
 
 
 @pytest.fixture(scope="module")
@@ -41,15 +45,22 @@ def written(path: Path) -> str:
         residuals=residuals,
         notices=notices,
     )
-    write_rig_report(rig, found, judged, {"adjust": 1.0}, path)
+    write_rig_report(rig, found, judged, path)
     return path.read_text()
 
 
-def test_its_figures_are_drawn_in_no_user_s_style(page: str, tmp_path: Path) -> None:
-    with matplotlib.rc_context({"text.usetex": True, "font.size": 30}):
-        again = written(tmp_path / "rig.html")
-    figures = re.compile('data:image/png;base64,[^"]*')
-    assert figures.findall(again) == figures.findall(page) != []
+def test_its_maps_hold_the_residuals_and_are_drawn(page: str, tmp_path: Path, browser: Browser) -> None:
+    found = re.search(r'id="map-data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    layers = json.loads(found[1])["capture-2"]["layers"]
+    assert [each["name"] for each in layers] == ["u", "v"]
+    drawn = np.frombuffer(base64.b64decode(layers[0]["data"]), "<f4")
+    assert set(drawn[np.isfinite(drawn)].tolist()) == {-1.5, 1.5}
+    (tmp_path / "rig.html").write_text(page)
+    dom = browser(tmp_path / "rig.html", "--dump-dom")
+    assert 'data-charts="ready"' in dom
+    heights = json.loads(found[1])["heights"]["layers"]
+    assert dom.count("<canvas") == 2 * 2 + len(heights)
 
 
 def test_what_is_beyond_its_limit_is_red(page: str) -> None:
