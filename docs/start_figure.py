@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "cli"))
 from chromium import Chromium
 
 from optolever.cli.rig.start import walk
-from optolever.cli.rig.start_page import PageFront
+from optolever.cli.rig.start_page import Interviewer
 from optolever.cli.rig.start_steps import STEPS, Begun
 
 OUT = Path(__file__).with_name("start_aim.png")
@@ -43,8 +43,8 @@ def walked(kind: str, folder: Path | None) -> None:
         begun.write({"devices": {"camera": "virtual"}}, kind=kind, **ANSWERS[kind])
         titles = {name: title for name, (title, _) in STEPS.items()}
         with (
-            PageFront(titles, 0, "optolever start") as front,
-            Chromium("chromium", Path(place) / "c") as page,
+            Interviewer(titles, 0, "optolever start") as front,
+            Chromium(Path(place) / "c") as page,
         ):
             thread = threading.Thread(target=walk, args=(begun, front, None), daemon=True)
             thread.start()

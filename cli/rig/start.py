@@ -1,5 +1,7 @@
 """`optolever start`: from an unpacked camera to a live height, step by step."""
 
+import os
+import socket
 import sys
 import time
 from pathlib import Path
@@ -15,26 +17,21 @@ from ..arguments import Opt, Rare, program
 from ..options import Json, Port
 from ..outputs import OutputFile
 from ..printing import write_json
-from .start_front import Front, GoTo, Terminal
-from .start_page import PageFront
+from .start_page import GoTo, Interviewer
 from .start_steps import STEPS, Begun, require_devices
-from .views import Sheet, sheet_on
+from .views import DisplayPreview, preview_on
 
 SAMPLE = """
 $ optolever start --text --rig rig.toml
-
-What do you build?
-  1  A mirror in open air, in front of a monitor
-  2  A silicone prism: a display on one face, the camera at another
-  Kind of rig: a mirror in open air before a monitor, or a prism with a display on one face [1]:
+Start: http://127.0.0.1:...   (Ctrl-C ends it; the same command goes on)
+From another machine: ssh -L ...:127.0.0.1:... ...   (then the same address in its browser)
 ...
 """
 
 BESIDE = (".png", ".live.npz", ".rest_places.npz", ".response.npz", ".calibration.npz")
 WRITTEN = OutputFile(".toml", bare=False, updates=True, beside=BESIDE)
 RIG = Opt("--rig RIG.toml", "File of the rig: written step by step, gone on with.", WRITTEN)
-TEXT = Opt("--text", "Ask on the terminal instead of on a page.")
-NO_BROWSER = Opt("--no-browser", "As --text; the preview is drawn on the rig's display itself.")
+TEXT = Opt("--text", "Open no browser; print how another machine reaches the page, by ssh.")
 STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choice([*STEPS]))
 FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1))
 
@@ -43,7 +40,6 @@ FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1
 def command(
     rig: Annotated[Path, RIG] = Path("rig.toml"),
     text: Annotated[bool, TEXT] = False,
-    no_browser: Annotated[bool, NO_BROWSER] = False,
     step: Annotated[str | None, STEP] = None,
     frames: Annotated[int | None, FRAMES] = None,
     port: Port = 0,
@@ -57,31 +53,33 @@ def command(
     where it was. Every other command takes that file.
     """
     begun = Begun.load(rig)
-    if text or no_browser:
-        write_json(json_path, _walked(begun, Terminal(on_display=no_browser), step, frames))
-        return
     titles = {name: title for name, (title, _) in STEPS.items()}
-    with PageFront(titles, port, "optolever start") as page:
-        click.echo(f"Start: {page.address}   (Ctrl-C ends it; the same command goes on)")
-        if sys.stdout.isatty():
+    with Interviewer(titles, port, "optolever start") as page:
+        far = text or "SSH_CONNECTION" in os.environ
+        _announce("Start", page.address, "Ctrl-C ends it; the same command goes on", far)
+        if not far and sys.stdout.isatty():
             click.launch(page.address)
-        write_json(json_path, _walked(begun, page, step, frames))
+        while True:
+            walk(begun, page, step)
+            try:
+                write_json(json_path, _live(begun, page, frames, far))
+                return
+            except InputError as error:
+                page.say(str(error), fault=True)
+                page.go("The live view has ended.", {"": "measure the mirror at rest again"})
+                step = "rest"
 
 
-def _walked(begun: Begun, front: Front, step: str | None, frames: int | None) -> dict[str, Any]:
-    """The figures of the live view after the walk; where it cannot begin, the mirror at rest is measured
-    again."""
-    while True:
-        walk(begun, front, step)
-        try:
-            return _live(begun, front, frames)
-        except InputError as error:
-            front.say(str(error), fault=True)
-            front.go("The live view has ended.", {"": "measure the mirror at rest again"})
-            step = "rest"
+def _announce(name: str, address: str, ends: str, far: bool) -> None:
+    """Where a page is; far: how another machine reaches it, too."""
+    click.echo(f"{name}: {address}   ({ends})")
+    if far:
+        place = address.removeprefix("http://").rstrip("/")
+        tunnel = f"ssh -L {place.rpartition(':')[2]}:{place} {socket.gethostname()}"
+        click.echo(f"From another machine: {tunnel}   (then the same address in its browser)")
 
 
-def walk(begun: Begun, front: Front, step: str | None) -> None:
+def walk(begun: Begun, front: Interviewer, step: str | None) -> None:
     """All steps from the one where the walk was left, or from `step`."""
     names = [*STEPS]
     at = begun.answers.get("step", names[0]) if step is None else step
@@ -105,19 +103,19 @@ def walk(begun: Begun, front: Front, step: str | None) -> None:
         begun.write(step=names[number] if number < len(names) else "live")
 
 
-def _live(begun: Begun, front: Front, frames: int | None) -> dict[str, Any]:
+def _live(begun: Begun, front: Interviewer, frames: int | None, far: bool) -> dict[str, Any]:
     """The live view, on the page where the display leaves it visible; the figures of the last reading."""
     with ol.live.open(begun.rig, ol.live.Prepared.load(ol.live.kept_rest(begun.rig))) as readings:
         scene, name = ol.scene.load(begun.rig), begun.devices.get("display", "window")
-        sheet = sheet_on(readings.display, scene, name, front.on_display)
-        if isinstance(front, PageFront) and sheet is None:
-            return _page(readings, front, frames)
+        sheet = preview_on(readings.display, scene, name)
+        if sheet is None:
+            return _page(readings, front, frames, far)
         return _lines(readings, sheet, ol.calibration.load_rest(begun.rig), frames)
 
 
 def _lines(
     readings: "ol.live.Readings",
-    sheet: Sheet | None,
+    sheet: DisplayPreview,
     rest: "ol.decode.Correspondence | None",
     frames: int | None,
 ) -> dict[str, Any]:
@@ -128,7 +126,7 @@ def _lines(
         if time.monotonic() > said + 1 or count == frames:
             said, text = time.monotonic(), _depth(reading)
             click.echo(f"  {text}")
-            if sheet is not None and rest is not None:
+            if rest is not None:
                 sheet.caption(f"{text}. Escape: back.", rest)
                 if sheet.key == "escape":
                     raise InputError(f"The last reading: {text}")
@@ -137,13 +135,13 @@ def _lines(
     raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
 
 
-def _page(readings: "ol.live.Readings", page: PageFront, frames: int | None) -> dict[str, Any]:
+def _page(readings: "ol.live.Readings", page: Interviewer, frames: int | None, far: bool) -> dict[str, Any]:
     """The page of `live`."""
     last: list[ol.live.Reading] = []
     with ol.live.LiveServer(
         readings.prepared, readings.source, heard=lambda one: last.__setitem__(slice(None), [one.reading])
     ) as server:
-        click.echo(f"Live: {server.address}   (Ctrl-C ends it)")
+        _announce("Live", server.address, "Ctrl-C ends it", far)
         page.live(server.address)
         while not server.error and (frames is None or server.readings < frames):
             time.sleep(0.05)

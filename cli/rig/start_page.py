@@ -1,4 +1,5 @@
-"""The page of `start`: its state as JSON, the answers of its forms, the preview and drawings.
+"""Who asks the questions of `start`: a page. Its state as JSON, the answers of its forms, the preview and
+drawings.
 
 `GET /state?after=N` waits a second for a state newer than N; `POST /answer` (with the page's token) answers
 the form of that id, or goes to a step that was done; `GET /picture` is the newest preview, `GET /drawing?
@@ -7,7 +8,7 @@ NAME=TEXT` the rig by answers as they are typed."""
 import queue
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -18,14 +19,19 @@ import optolever as ol
 from optolever import InputError
 
 from .questions import Question
-from .start_front import Draw, GoTo
 from .views import View, drawn
 
-__all__ = ["PageFront"]
+__all__ = ["Draw", "GoTo", "Interviewer"]
 
 _WAIT_S = 1.0
 _LONGEST = 4000  # bytes of an answer
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+#: A picture of the rig by answers as typed, into a file; ClickException, InputError of answers that are none.
+Draw = Callable[[Mapping[str, str], Path], None]
+
+
+class GoTo(Exception):  # no error
+    """The walk goes on at another step, its argument; without: at the one before."""
 
 
 class _Answer(NamedTuple):
@@ -38,11 +44,10 @@ class _Answer(NamedTuple):
     key: str | None = None
 
 
-class PageFront:
-    """A Front on a page of that program, of these steps (name -> title). A context manager; port 0: any free
-    one; InputError if it is taken."""
-
-    on_display = False
+class Interviewer:
+    """Asks and shows on a page of that program, of these steps (name -> title). All calls wait for the user,
+    but for `begin`, `say` and `busy`; GoTo from any that waits. A context manager; port 0: any free one;
+    InputError if it is taken."""
 
     def __init__(self, steps: Mapping[str, str], port: int, program: str) -> None:
         from starlette.routing import Route
@@ -58,7 +63,7 @@ class PageFront:
         self._steps, self._program, self._new = steps, program, threading.Condition()
         self._answers: queue.Queue[_Answer] = queue.Queue()
         self._now: dict[str, Any] = {"count": 0, "step": "", "lines": [], "busy": "", "form": None}
-        self._forms = 0
+        self._forms = self._read = 0  # read: lines above a form that was answered
         self._view: View | None = None
         self._drawing: Draw | None = None
 
@@ -67,7 +72,7 @@ class PageFront:
         """Of the page."""
         return self._web.address
 
-    def __enter__(self) -> "PageFront":
+    def __enter__(self) -> "Interviewer":
         self._web.start()
         return self
 
@@ -75,8 +80,11 @@ class PageFront:
         self._web.stop()
 
     def begin(self, step: str, title: str, kind: str) -> None:
-        """A step begins, of a rig of that kind; lines of a step that is tried again stay."""
-        lines = self._now["lines"] if self._now["step"] == step else []
+        """A step begins, of a rig of that kind; lines stay that no form has shown, or of a step that is tried
+        again."""
+        lines = self._now["lines"]
+        if self._now["step"] != step:
+            lines, self._read = lines[self._read :], 0
         self._show(step=step, rig=kind, lines=lines, busy="", form=None, live="")
 
     def say(self, text: str, fault: bool = False) -> None:
@@ -167,8 +175,9 @@ class PageFront:
                 answer = self._answers.get(wait, None)
             except queue.Empty:
                 return None
+            self._read = len(self._now["lines"])
             if answer.go in self._steps:
-                self._show(form=None, lines=[])
+                self._show(form=None)
                 raise GoTo(answer.go)
             if answer.id == form:
                 return answer

@@ -16,10 +16,10 @@ from .new import draw_rig, visible_share
 from .opened import image_size, levels_of, opened, sequence_of
 from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, scene_of, typed_rig
 from .recorded_capture import capture_now, capture_rest
-from .start_front import Front, GoTo
+from .start_page import GoTo, Interviewer
 from .sync import synchronised
 from .target_captures import capture_targets
-from .views import sheet_on, views_of
+from .views import preview_on, views_of
 
 __all__ = ["STEPS", "Begun", "require_devices", "rest"]
 
@@ -87,7 +87,7 @@ class Begun:
             temporary.write_text(toml_text(self.table), encoding="utf-8")
 
 
-def kind(begun: Begun, front: Front) -> None:
+def kind(begun: Begun, front: Interviewer) -> None:
     """Monitor or prism."""
     words = (
         "A mirror in open air, in front of a monitor",
@@ -96,7 +96,7 @@ def kind(begun: Begun, front: Front) -> None:
     begun.write(kind=KINDS[front.pick(QUESTIONS[0].text, words, KINDS.index(begun.kind))])
 
 
-def camera(begun: Begun, front: Front) -> None:
+def camera(begun: Begun, front: Interviewer) -> None:
     """One of those connected; its image's size by its driver."""
     from optolever.camera.cameras import find_cameras
 
@@ -119,7 +119,7 @@ def camera(begun: Begun, front: Front) -> None:
     begun.write({"devices": {"camera": chosen, **devices}}, image=image)
 
 
-def display(begun: Begun, front: Front) -> None:
+def display(begun: Begun, front: Interviewer) -> None:
     """One of those connected; its pixels, and its size where EDID has it."""
     devices, names = begun.devices, ["display", "diagonal"]
     if not begun.simulated:
@@ -140,7 +140,7 @@ def display(begun: Begun, front: Front) -> None:
     begun.write({"devices": devices}, **(_typed(begun, front, *names) if names else {}))
 
 
-def mirror(begun: Begun, front: Front) -> None:
+def mirror(begun: Begun, front: Interviewer) -> None:
     """Sizes, angles and distances."""
     names = [each.name for each in questions_of(begun.kind)]
     first = [name for name in names if name not in ("kind", "display", "diagonal", "image", "across")]
@@ -152,7 +152,7 @@ def mirror(begun: Begun, front: Front) -> None:
         begun.write(**_typed(begun, front, "across"))
 
 
-def view(begun: Begun, front: Front) -> None:
+def view(begun: Begun, front: Interviewer) -> None:
     """The focal length, by the width of the view; the scene is complete."""
     begun.write(**_typed(begun, front, "view_distance", "view_width"))
     typed = typed_rig(begun.values())
@@ -177,14 +177,14 @@ def view(begun: Begun, front: Front) -> None:
     front.say(f"{text} ({begun.rig.with_suffix('.png')}).")
 
 
-def aim(begun: Begun, front: Front) -> None:
+def aim(begun: Begun, front: Interviewer) -> None:
     """The preview, until the user goes on."""
     scene = ol.scene.load(begun.rig)
     devices = ol.camera.devices_of(begun.rig)
     while True:
         with opened(begun.rig, devices, levels_of(begun.rig, "black", "white")) as now:
             now.require_size(scene)
-            sheet = sheet_on(now.display, scene, devices.display, front.on_display)
+            sheet = preview_on(now.display, scene, devices.display)
             last = front.look(views_of(now, sheet))
             if sheet is not None and sheet.key == "escape":
                 raise GoTo
@@ -201,7 +201,7 @@ def aim(begun: Begun, front: Front) -> None:
             return
 
 
-def expose(begun: Begun, front: Front) -> None:
+def expose(begun: Begun, front: Interviewer) -> None:
     """As `camera expose`."""
     front.busy("finding the longest exposure that saturates nothing")
     chosen, seen = chosen_exposure(begun.rig, ol.camera.devices_of(begun.rig))
@@ -211,7 +211,7 @@ def expose(begun: Begun, front: Front) -> None:
         front.say("That is little: open the lens, darken the room, or brighten the display.", fault=True)
 
 
-def sync(begun: Begun, front: Front) -> None:
+def sync(begun: Begun, front: Interviewer) -> None:
     """As `camera sync`; without it every pattern waits half a second."""
     if begun.simulated:
         front.say("A simulated camera sees its patterns at once.")
@@ -230,7 +230,7 @@ def sync(begun: Begun, front: Front) -> None:
         front.say(str(notice))
 
 
-def response(begun: Begun, front: Front) -> None:
+def response(begun: Begun, front: Interviewer) -> None:
     """The display's gamma, by grey levels: what decodes with it has no gamma any more."""
     front.busy("showing grey levels")
     found = ol.calibration.measure_response(capture_now(begun.rig, sequence_of(begun.rig, "ramp")))
@@ -245,7 +245,7 @@ def response(begun: Begun, front: Front) -> None:
         front.say(f"The levels follow {spoilt}. They are taken off as measured.", fault=True)
 
 
-def rest(begun: Begun, front: Front) -> None:
+def rest(begun: Begun, front: Interviewer) -> None:
     """The mirror at rest: checked against the numbers, kept for heights and for the live view."""
     front.go("Take everything off the mirror, and hold still.", {"": "measure it"})
     front.busy("showing the patterns")
@@ -281,7 +281,7 @@ def rest(begun: Begun, front: Front) -> None:
     front.say(f"{fills} The rig's numbers leave {100 * (prepared.error or 0.0):.1f} % of a height.")
 
 
-def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> "ol.scene.Scene":
+def _adjusted(begun: Begun, front: Interviewer, found: "ol.decode.Correspondence") -> "ol.scene.Scene":
     """The typed rig, adjusted to its flat mirror within the accuracy of its numbers; as typed where the user
     keeps a mirror that is none."""
     typed = scene_of(begun.values())
@@ -302,7 +302,7 @@ def _adjusted(begun: Begun, front: Front, found: "ol.decode.Correspondence") -> 
     return typed
 
 
-def targets(begun: Begun, front: Front) -> None:
+def targets(begun: Begun, front: Interviewer) -> None:
     """Captures of targets, as `calibrate --rig`; may be left out."""
     if begun.answers.get("calibrated"):
         front.say("Calibrated.")
@@ -333,7 +333,7 @@ def targets(begun: Begun, front: Front) -> None:
     raise GoTo("rest")
 
 
-def _typed(begun: Begun, front: Front, *names: str) -> dict[str, Any]:
+def _typed(begun: Begun, front: Interviewer, *names: str) -> dict[str, Any]:
     """Answers as text, by name; the rig is drawn as they are typed."""
     questions, texts = questions_of(begun.kind, *names), begun.defaults(begun.kind)
 
@@ -365,7 +365,7 @@ def require_devices(begun: Begun) -> str:
 
 
 #: Name -> title, and its action in words.
-STEPS: dict[str, tuple[str, Callable[[Begun, Front], None]]] = {
+STEPS: dict[str, tuple[str, Callable[[Begun, Interviewer], None]]] = {
     "kind": ("What do you build?", kind),
     "camera": ("Camera", camera),
     "display": ("Display", display),

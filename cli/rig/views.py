@@ -1,5 +1,5 @@
-"""Views to aim and to focus by: pictures of the white display, for a page, for the terminal, and for the
-display itself where it lies over both."""
+"""Views to aim and to focus by: pictures of the white display, for a page, and for the display itself where
+it lies over the page."""
 
 import textwrap
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Sheet", "View", "drawn", "sheet_on", "views_of"]
+__all__ = ["DisplayPreview", "View", "drawn", "preview_on", "views_of"]
 
 _WHITE_S = 3.0  # of white between two black pictures
 _STALE_S = 0.2  # an image that waited longer is not judged: the newest counts
@@ -35,7 +35,7 @@ class View:
     best: float
 
     def numbers(self) -> dict[str, Any]:
-        """For --json and the page."""
+        """For the page."""
         advice = self.aim.advice(self.best)
         return {
             "sees_share": self.aim.seen,
@@ -51,13 +51,9 @@ class View:
         sees, saturated, sharp = (f"{100 * self.numbers()[name]:.3g} %" for name in names)
         return f"sees the display {sees}; saturated {saturated}; sharpness {sharp} of its best"
 
-    def text(self) -> str:
-        """Figures and advice."""
-        return f"{self.figures()}. {self.numbers()['advice']}"
-
 
 @dataclass
-class Sheet:
+class DisplayPreview:
     """The display as a sheet of paper: advice, picture, keys. key: the one that was pressed, of `_KEYS`."""
 
     display: "ol.projector.PatternWindow"
@@ -95,19 +91,17 @@ class Sheet:
         self.key = next((each for each in pressed if each in _KEYS), "")
 
 
-def sheet_on(
-    display: "ol.projector.Display", scene: "ol.scene.Scene", name: str, always: bool = False
-) -> Sheet | None:
-    """The sheet on the display of that name where it is the only one, or always; None: it is free for a page,
-    or there is no window."""
+def preview_on(display: "ol.projector.Display", scene: "ol.scene.Scene", name: str) -> DisplayPreview | None:
+    """The preview on the display of that name where it is the only one; None: another has the page, or there
+    is no window."""
     if not isinstance(display, ol.projector.PatternWindow):
         return None
-    if not always and (name == "window" or len(ol.projector.monitors()) > 1):
+    if name == "window" or len(ol.projector.monitors()) > 1:
         return None
-    return Sheet(display, scene.pattern.rows, scene.pattern.cols)
+    return DisplayPreview(display, scene.pattern.rows, scene.pattern.cols)
 
 
-def views_of(now: "ol.camera.Opened", sheet: Sheet | None = None) -> Iterator[View]:
+def views_of(now: "ol.camera.Opened", sheet: DisplayPreview | None = None) -> Iterator[View]:
     """Pictures of the white display without end; on a sheet until a key: there a view is judged by its flash
     of white alone."""
     timing = ol.camera.Timing(0, 0, 0, 0, 0, 0, 0.01, now.accepted.exposure_s) if now.still else None

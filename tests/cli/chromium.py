@@ -5,6 +5,7 @@ import contextlib
 import http.client
 import json
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -32,11 +33,20 @@ def printed(address: str, folder: Path, *options: str) -> str:
     return done.stdout
 
 
-def asked(address: str, path: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
+def answered(address: str, text: str) -> tuple[int, str]:
+    """Status and words for an answer to a form of the page of `start`."""
+    token = re.findall(r'"([A-Za-z0-9_-]{43})"', asked(address, "/")[1].decode())[0]
+    status, words = asked(address, "/answer", "POST", text, **{"X-Optolever-Token": token})
+    return status, words.decode()
+
+
+def asked(
+    address: str, path: str, method: str = "GET", body: str | None = None, **headers: str
+) -> tuple[int, bytes]:
     """Status and body of the answer of a page's server."""
     host = address.removeprefix("http://").rstrip("/")
     connection = http.client.HTTPConnection(host, timeout=30)
-    connection.request(method, path, headers={"Host": host, **headers})
+    connection.request(method, path, body, headers={"Host": host, **headers})
     with contextlib.closing(connection), connection.getresponse() as answer:
         return answer.status, answer.read()
 

@@ -1,11 +1,10 @@
 """`optolever start` before a world that is not there: a real window on Xvfb, and a camera that reads the
 server's frame buffer through the optics of a rig. A program of its own:
 
-    python start_world.py WORLD.json FBDIR [SCRIPT.json] -- arguments of optolever
+    python start_world.py WORLD.json FBDIR -- arguments of optolever
 
 WORLD.json: rig (the true one's TOML), dent, gamma of the display, turned (the camera upside down), blind (it
-looks elsewhere); read before every image. SCRIPT.json: lines of whoever sits at the terminal, each with the
-changes of the world before it.
+looks elsewhere); read before every image.
 """
 
 import faulthandler
@@ -83,31 +82,9 @@ class WorldCamera:
         pass
 
 
-class Hands:
-    """Types a script, and changes the world before each line."""
-
-    def __init__(self, world: Path, lines: list[list[Any]]) -> None:
-        self._world, self._lines = world, lines
-
-    def isatty(self) -> bool:
-        return False
-
-    def readline(self) -> str:
-        if not self._lines:
-            return ""
-        answer, *changes = self._lines.pop(0)
-        if changes:
-            self._world.write_text(json.dumps(json.loads(self._world.read_text()) | changes[0]))
-        print(f"«{answer}»", flush=True)
-        return f"{answer}\n"
-
-
 def main() -> int:
     faulthandler.register(signal.SIGUSR1, chain=True)  # the test asks for the stacks, and it ends
     world, folder = Path(sys.argv[1]), Path(sys.argv[2])
-    dash = sys.argv.index("--")
-    if dash == 4:
-        sys.stdin = Hands(world, json.loads(Path(sys.argv[3]).read_text()))  # type: ignore[assignment]
 
     def open_camera(address: str) -> WorldCamera:
         assert address == IDENTITY.address
@@ -121,7 +98,7 @@ def main() -> int:
         mock.patch("optolever.camera.cameras.open_camera", open_camera),
         mock.patch("optolever.camera.rig_devices.open_camera", open_camera),
     ):
-        return run(sys.argv[dash + 1 :])
+        return run(sys.argv[4:])
 
 
 if __name__ == "__main__":

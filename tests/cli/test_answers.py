@@ -2,33 +2,20 @@
 
 import json
 import queue
-import re
 import threading
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
 
 from lab.fuzz.damage import EXTREMES
-from optolever.cli.rig.start_page import PageFront
+from optolever.cli.rig.start_page import Interviewer
 
-
-def answered(page: PageFront, text: str) -> tuple[int, str]:
-    """Status and words for an answer."""
-    with urlopen(page.address, timeout=60) as shown:
-        token = re.findall(r'"([A-Za-z0-9_-]{43})"', shown.read().decode())[0]
-    request = Request(f"{page.address.rstrip('/')}/answer", text.encode(), {"X-Optolever-Token": token})
-    try:
-        with urlopen(request, timeout=60) as done:
-            return done.status, ""
-    except HTTPError as error:
-        return error.code, error.read().decode()
+from .chromium import answered
 
 
 def test_answers_of_wrong_types_are_refused() -> None:
     rng, chosen = np.random.default_rng(0), queue.Queue[object]()
-    with PageFront({"rig": "Rig"}, 0, "optolever start") as page:
+    with Interviewer({"rig": "Rig"}, 0, "optolever start") as page:
         walk = threading.Thread(target=lambda: chosen.put(page.pick("which", ["a", "b"])), daemon=True)
         walk.start()
         for text, words in (
@@ -38,14 +25,14 @@ def test_answers_of_wrong_types_are_refused() -> None:
             ("[" * 3000, "answer is no JSON"),
             ("5", "answer is 5, must be a table"),
         ):
-            status, said = answered(page, text)
+            status, said = answered(page.address, text)
             assert status == 400
             assert words in said
         for _ in range(30):
             name, value = rng.choice(["id", "go", "fields", "number", "key"]), rng.choice(EXTREMES)
-            assert answered(page, f'{{"id": 9, "{name}": {value}}}')[0] in (200, 400)
+            assert answered(page.address, f'{{"id": 9, "{name}": {value}}}')[0] in (200, 400)
         assert walk.is_alive()
-        assert answered(page, json.dumps({"id": 1, "number": 1}))[0] == 200
+        assert answered(page.address, json.dumps({"id": 1, "number": 1}))[0] == 200
         assert chosen.get(timeout=60) == 1
     with pytest.raises(queue.Empty):
         chosen.get_nowait()

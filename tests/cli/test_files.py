@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import Mock
 
 import click
 import cv2
@@ -32,7 +33,7 @@ GIVEN = {
 MORE = {
     "live": ["--headless", "--frames", "3", "--pixels", "96x72"],
     "design": ["--verify", "0", "--seeds", "1", "--frames", "12"],
-    "start": ["--text", "--from", "camera"],
+    "start": ["--from", "camera"],
     "report": ["--full", "--correspondence", "c.npz", "--scene", "rig.toml"],
     "demo": ["--full", "--scene", "rig.toml"],
     "calibrate": ["rest=rest.npz@mask.png", "--scene", "rig.toml", "--accept"],
@@ -193,6 +194,7 @@ def restore(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
     folder.mkdir()
     monkeypatch.chdir(folder)
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    monkeypatch.setattr("optolever.cli.rig.start.Interviewer.pick", Mock(side_effect=click.Abort))
 
     def restored() -> None:
         for path in folder.iterdir():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from optolever.camera import aim
-from optolever.cli.rig.start_page import PageFront
-from optolever.cli.rig.views import Sheet, View
+from optolever.cli.rig.start_page import Interviewer
+from optolever.cli.rig.views import DisplayPreview, View
 
 from .chromium import asked
 
@@ -26,7 +26,7 @@ def view() -> View:
 
 
 def test_the_page_outlines_the_reflection_and_marks_saturated_pixels(view: View) -> None:
-    with PageFront({"aim": "Aim"}, 0, "optolever start") as page:
+    with Interviewer({"aim": "Aim"}, 0, "optolever start") as page:
         before = json.loads(asked(page.address, "/state?after=-1")[1])
         assert before["form"] is None
         seen = list[dict[str, Any]]()
@@ -70,7 +70,7 @@ class Display:
 def test_the_display_as_a_sheet_has_picture_text_and_a_white_edge(view: View, size: tuple[int, int]) -> None:
     """All lines of text end within the display, and none runs into the picture."""
     display = Display()
-    sheet = Sheet(display, *size)  # type: ignore[arg-type]
+    sheet = DisplayPreview(display, *size)  # type: ignore[arg-type]
     sheet.show(view)
     assert sheet.key == "enter"
     ((paper, _, over),) = display.drawn
@@ -92,7 +92,7 @@ def test_a_caption_lies_in_the_margin_that_the_camera_does_not_see(side: str) ->
     box |= {} if side == "none" else {side: abs(box[side] - 120)}
     v, u = np.mgrid[box["top"] : box["bottom"] : 9j, box["left"] : box["right"] : 9j]
     display = Display()
-    sheet = Sheet(display, rows, cols)  # type: ignore[arg-type]
+    sheet = DisplayPreview(display, rows, cols)  # type: ignore[arg-type]
     sheet.caption("depth 100 ± 3 um.", SimpleNamespace(u=u, v=v, good=np.ones(u.shape, bool)))  # type: ignore[arg-type]
     if side == "none":
         assert not display.drawn

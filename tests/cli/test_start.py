@@ -9,13 +9,15 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
+import click
 import cv2
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ import pytest
 from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
+from optolever.cli.rig.start_page import Interviewer, _Answer
 from optolever.cli.rig.start_steps import Begun, require_devices, rest
 from optolever.decode import Correspondence
 from optolever.live import fringe_period, prepare
@@ -32,7 +35,7 @@ from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_val
 
 from ..projector.conftest import x_display
 from ..projector.screen import ENTER, ESCAPE, FrameBuffer, press
-from .chromium import Chromium
+from .chromium import Chromium, answered, asked
 
 WORLD = Path(__file__).with_name("start_world.py")
 #: Seconds until a program that does not go on counts as stuck: a busy machine is ten times slower.
@@ -127,20 +130,29 @@ def test_a_camera_that_is_late_is_named_after_a_refusal(
 def test_it_goes_on_where_it_was_left(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Enter takes every default; the pipe ends within the step of the view, then of the aim."""
+    """Every default is taken; the user leaves at the step of the view, then of the aim."""
     monkeypatch.setattr("optolever.camera.cameras.find_cameras", lambda: ([], {}))
     monkeypatch.chdir(tmp_path)
-    for count, step in ((9, "view"), (2, "aim")):
-        monkeypatch.setattr("sys.stdin", Lines("" for _ in range(count)))
+    answers, said = list[dict[str, str]](), list[str]()
+
+    def taken(page: Interviewer, form: int, wait: bool = True) -> _Answer:
+        said.extend(text for text, _ in page._now["lines"])
+        if not answers:
+            raise click.Abort
+        return _Answer(form, number=page._now["form"].get("default"), key="", fields=answers.pop(0))
+
+    monkeypatch.setattr(Interviewer, "_taken", taken)
+    for count, step in ((5, "view"), (1, "aim")):
+        answers += [{}] * count
         assert run(["start", "--text"]) == 130
-        text = (tmp_path / "rig.toml").read_text()
-        assert f'step = "{step}"' in text
-    said = capsys.readouterr().out
-    assert said.count("What do you build?") == 1
-    assert "60 degrees are assumed" in said
+        assert f'step = "{step}"' in (tmp_path / "rig.toml").read_text()
+    assert re.search(
+        r"Start: (http://(127\.0\.0\.1:(\d+)))/.*\n.*: ssh -L \3:\2 \S+", capsys.readouterr().out
+    )
+    assert any("60 degrees are assumed" in line for line in said)
     assert load("rig.toml").accuracy.focal == 0.1  # type: ignore[union-attr]
-    monkeypatch.setattr("sys.stdin", Lines(["500", "520"]))
-    assert run(["start", "--text", "--from", "view"]) == 130
+    answers.append({"view_distance": "500", "view_width": "520"})
+    assert run(["start", "--from", "view"]) == 130
     rig = load("rig.toml")
     assert parameter_values(rig)["camera.f"] == pytest.approx(640 * 500 / 520)
     assert rig.accuracy.focal == 0.05  # type: ignore[union-attr]
@@ -161,17 +173,35 @@ def test_other_devices_than_before_lead_back_to_their_step(
     assert require_devices(Begun.load(file)).startswith("camera: camera: 'world:1'")
 
 
-class Lines:
-    """A pipe."""
+class Visitor:
+    """Answers the forms of the page whose address `start` prints, as a browser does. said: the lines above
+    them."""
 
-    def __init__(self, lines: Any) -> None:
-        self._lines = iter(lines)
+    def __init__(self, program: "subprocess.Popen[str]") -> None:
+        assert program.stdout is not None
+        found = re.search(r"http://\S+/", program.stdout.readline())
+        assert found
+        self.address, self.said, self._form = found[0], list[str](), 0
 
-    def isatty(self) -> bool:
-        return False
+    def wait(self, ready: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """The state as soon as it is ready."""
+        count, end = -1, time.monotonic() + STUCK_S
+        while True:
+            state = json.loads(asked(self.address, f"/state?after={count}")[1])
+            if ready(state):
+                return dict(state)
+            count = state["count"]
+            assert time.monotonic() < end, state
 
-    def readline(self) -> str:
-        return next((f"{line}\n" for line in self._lines), "")
+    def answer(self, step: str, before: Callable[[], None] | None = None, **answer: Any) -> None:
+        """A form of that step that was not answered before; before: a change of the world as it is there."""
+        now = self.wait(lambda one: one["form"] and one["form"]["id"] > self._form)
+        assert now["step"] == step, now
+        self.said += [text for text, _ in now["lines"]]
+        self._form = now["form"]["id"]
+        if before is not None:
+            before()
+        assert answered(self.address, json.dumps({"id": self._form, **answer}))[0] == 200
 
 
 @pytest.fixture
@@ -190,9 +220,32 @@ def world(folder: Path, kind: str, gamma: float = 1.0) -> Path:
     return file
 
 
-def words(folder: Path, *more: str) -> list[str]:
-    return [sys.executable, "-u", str(WORLD), str(folder / "world.json"), str(folder), *more,
-            "--rig", str(folder / "rig.toml"), "--frames", "4", "--json", str(folder / "n.json")]  # fmt: skip
+def change(file: Path, **changes: Any) -> None:
+    """Of the world, in one piece: the camera reads it all the time."""
+    new = file.with_suffix(".new")
+    new.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    new.replace(file)
+
+
+@contextmanager
+def started(display: str, folder: Path, *more: str) -> "Iterator[subprocess.Popen[str]]":
+    """`start` before the world of a folder; whatever fails: it ends, and its stacks are printed."""
+    command = [sys.executable, "-u", str(WORLD), str(folder / "world.json"), str(folder), "--", "start"]
+    command += [*more, "--rig", str(folder / "rig.toml"), "--frames", "4", "--json", str(folder / "n.json")]
+    env = {**os.environ, "DISPLAY": display}
+    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True) as program:
+        timer = threading.Timer(STUCK_S, program.send_signal, (signal.SIGUSR1,))
+        timer.start()
+        try:
+            yield program
+        except BaseException:
+            program.send_signal(signal.SIGUSR1)
+            with suppress(subprocess.TimeoutExpired):
+                program.wait(2.0)
+            raise
+        finally:
+            timer.cancel()
+            program.kill()
 
 
 @pytest.mark.slow
@@ -203,46 +256,23 @@ def test_keys_on_the_display_itself_go_on_and_faults_are_said(screen: tuple[str,
     rig = replace(RIGS["laptop"], mirror=(80, 60))
     devices = '[devices]\ncamera = "world:1"\ndisplay = "screen"\n'
     (folder / "rig.toml").write_text(f"{rig_toml('rig', rig)}\n{devices}")
-    seen = file.read_text()
-    file.write_text(json.dumps(json.loads(seen) | {"blind": True}))
-    command, env = words(folder, "--", "start", "--no-browser", "--from", "aim"), os.environ
-    pipe = subprocess.PIPE
-    with (
-        subprocess.Popen(
-            command, env={**env, "DISPLAY": display}, stdin=pipe, stdout=pipe, text=True
-        ) as program,
-        ended(program),
-    ):
-        assert program.stdin is not None
-        assert program.stdout is not None
-        for before, said, answer in (
-            ("sees the display 0 %", "Is 'screen' the display in front of the mirror?", "\n"),
-            ("sees the display 6", "Check the mirror's size", "k\n"),
+    change(file, blind=True)
+    with started(display, folder, "--from", "aim") as program:
+        page = Visitor(program)
+        for share, said, answer in (
+            (0.0, "Is 'screen' the display in front of the mirror?", ""),
+            (0.6, "Check the mirror's size", "k"),
         ):
-            assert any(before in line for line in program.stdout)
+            page.wait(
+                lambda now, share=share: now.get("aim") and share <= now["aim"]["sees_share"] < share + 0.1
+            )
+            page.wait(lambda now: now["form"])
             press(display, ENTER)
-            assert any(said in line for line in program.stdout)
-            file.write_text(seen)
-            program.stdin.write(answer)
-            program.stdin.flush()
-        assert any("Exposure" in line for line in program.stdout)
-
-
-@contextmanager
-def ended(program: "subprocess.Popen[str]") -> Iterator[None]:
-    """Whatever fails: nobody waits for it, and its stacks are printed."""
-    timer = threading.Timer(STUCK_S, program.send_signal, (signal.SIGUSR1,))
-    timer.start()
-    try:
-        yield
-    except BaseException:
-        program.send_signal(signal.SIGUSR1)
-        with suppress(subprocess.TimeoutExpired):
-            program.wait(2.0)
-        raise
-    finally:
-        timer.cancel()
-        program.kill()
+            asking = page.wait(lambda now: now["form"] and now["form"]["kind"] == "go")
+            assert said in asking["lines"][-1][0]
+            change(file, blind=False)
+            page.answer("aim", key=answer)
+        page.wait(lambda now: now["step"] == "expose")
 
 
 def require_height(folder: Path) -> None:
@@ -253,32 +283,52 @@ def require_height(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -> None:
-    """One walk on the terminal that makes every mistake, hears of each, and ends with a height."""
+    """One walk that makes every mistake, hears of each, and ends with a height."""
     display, folder = screen
     kind = "monitor"
-    world(folder, kind, gamma=1.8)
-    mirror, view = PLACES[kind], VIEW[kind]
-    script: list[list[Any]] = [["1"], ["1"], ["2"], *([text] for text in SCREEN[kind])]
-    script += [*([text] for text in ("80x60", *mirror[1:])), [view[0]], [view[1], {"blind": True}]]
-    script += [[""], ["", {"blind": False}], [""], ["<"], ["<"]]  # aim: wrong monitor, small mirror
-    script += [*([text] for text in mirror), [view[0]], ["360"], [""], ["<"], [view[0]], [view[1]], [""]]
-    script += [["<", {"gamma": 1.0}]]  # the display made linear
-    script += [["", {"turned": True}], ["", {"turned": False, "dent": DENTS[kind]}]]  # at rest: upside down
-    script += [[""], ["", {"dent": "flat"}], [""], ["", {"dent": DENTS[kind]}]]  # and a finger
-    (folder / "script.json").write_text(json.dumps(script))
-    command = words(folder, str(folder / "script.json"), "--", "start", "--text")
-    env = {**os.environ, "DISPLAY": display}
-    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=STUCK_S, check=False)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+    file = world(folder, kind, gamma=1.8)
+    names = "mirror", "angle", "distance", "display_distance"
+    right = dict(zip(names, PLACES[kind], strict=True))
+    view = dict(zip(("view_distance", "view_width"), VIEW[kind], strict=True))
+    first = dict(zip(("display", "diagonal"), SCREEN[kind], strict=True))
+    script: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+        ("kind", {"number": 0}, {}),
+        ("camera", {"number": 0}, {}),
+        ("display", {"number": 1}, {}),
+        ("display", {"fields": first}, {}),
+        ("mirror", {"fields": right | {"mirror": "80x60"}}, {}),
+        ("view", {"fields": view}, {"blind": True}),
+        ("aim", {}, {}),
+        ("aim", {"key": ""}, {"blind": False}),
+        ("aim", {}, {}),
+        ("aim", {"go": "mirror"}, {}),
+        ("mirror", {"fields": right}, {}),
+        ("view", {"fields": view | {"view_width": "360"}}, {}),
+        ("aim", {}, {}),
+        ("aim", {"go": "view"}, {}),
+        ("view", {"fields": view}, {}),
+        ("aim", {}, {}),
+        ("rest", {"go": "response"}, {"gamma": 1.0}),
+        ("rest", {"key": ""}, {"turned": True}),
+        ("rest", {"key": ""}, {"turned": False, "dent": DENTS[kind]}),
+        ("rest", {"key": ""}, {}),
+        ("rest", {"key": ""}, {"dent": "flat"}),
+        ("rest", {"key": ""}, {}),
+        ("targets", {"key": ""}, {"dent": DENTS[kind]}),
+    ]
+    with started(display, folder) as program:
+        page = Visitor(program)
+        for step, answer, changes in script:
+            page.answer(step, before=lambda changes=changes: change(file, **changes), **answer)
+        program.wait(timeout=STUCK_S)
     said = [
         "Is 'window' the display in front of the mirror?", "Check the mirror's size",
         "Check the mirror's size, the width of the view", "Gamma 1.8", "does not take it off",
-        "Gamma 1.0", "upside down", "Something touches the mirror", "of a height", "depth 1",
+        "Gamma 1.0", "upside down", "Something touches the mirror", "of a height",
     ]  # fmt: skip
-    at = 0
+    lines = iter(page.said)
     for text in said:
-        at = done.stdout.find(text, at) + 1
-        assert at > 0, f"{text!r}: {done.stdout}"
+        assert any(text in line for line in lines), f"{text!r}: {page.said}"
     require_height(folder)
 
 
@@ -287,17 +337,10 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
 def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: tuple[str, Path]) -> None:
     display, folder = screen
     file, typed = world(folder, kind), 0
-    env = {**os.environ, "DISPLAY": display}
-    with (
-        subprocess.Popen(words(folder, "--", "start"), env=env, stdout=subprocess.PIPE, text=True) as program,
-        Chromium(folder / "profile") as page,
-        ended(program),
-    ):
-        assert program.stdout is not None
-        address = re.search(r"http://\S+/", program.stdout.readline())
-        assert address
+    with started(display, folder) as program, Chromium(folder / "profile") as page:
+        address = Visitor(program).address
         page.look(390, dark=False)
-        page.open(address[0])
+        page.open(address)
 
         def wait(title: str) -> None:
             text = f"document.getElementById('title')?.textContent === {json.dumps(title)}"
@@ -321,7 +364,7 @@ def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: t
         page.wait("document.querySelector('input[name=diagonal]')")
         typed += fill(*SCREEN[kind])
         wait("Sizes and places")
-        page.open(address[0])  # a page that is opened again goes on
+        page.open(address)  # a page that is opened again goes on
         wait("Sizes and places")
         page.wait("!document.getElementById('drawing').hidden")
         typed += fill(*PLACES[kind][:6])
@@ -346,7 +389,7 @@ def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: t
         wait("The mirror at rest")
         click()
         wait("Calibration")
-        file.write_text(json.dumps(json.loads(file.read_text()) | {"dent": DENTS[kind]}))
+        change(file, dent=DENTS[kind])
         click()
         if kind != "laptop":  # there the display itself has the readings
             page.wait("document.title === 'optolever live'", STUCK_S)
