@@ -93,11 +93,12 @@ Pictured = Annotated[
 ]
 #: How a display's colours are shown.
 Colour = Annotated[
-    Literal["rgb", "bgr", "none"] | None,
+    Literal["rgb", "bgr", "none", "unknown"] | None,
     Opt(
-        "--colour rgb|bgr|none",
+        "--colour rgb|bgr|none|unknown",
         "Three frames in each picture, one per colour; order of the coloured stripes in a cell of the "
-        "display, from the left (none: its colours coincide, as a projector's).",
+        "display, from the left (none: its colours coincide, as a projector's; unknown: places share an "
+        "error of a third of a cell, which a rest capture cancels).",
     ),
 ]
 #: Size of the pictures of a display.

@@ -67,6 +67,8 @@ class Correspondence(Comparable):
     order_error        probability that a fringe order or code bit is wrong
     notices            warnings about the whole capture
     shared_noise       noise that pixels have in common; None: unknown
+    common_u           standard deviation of an error that all u have in common, pattern pixels: stripes of a
+                       display in colour are unknown
     tests              agreement of the frames with their description: figures, limits
     """
 
@@ -81,6 +83,7 @@ class Correspondence(Comparable):
     notices: tuple[Notice, ...] = ()
     shared_noise: SharedNoise | None = None
     tests: tuple[Judged, ...] = ()
+    common_u: float = 0.0
 
     def __post_init__(self) -> None:
         require_shapes(self)

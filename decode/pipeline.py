@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from optolever.blocks import over_blocks, threads
 from optolever.kernels import F32, F64, I64
 from optolever.notices import Notice
-from optolever.patterns import Sequence
+from optolever.patterns import STRIPES, Sequence
 
 from .codes.bits import bit_tables
 from .codes.fringe import Misfit, bent, fringe_table, measure_misfit, straightened, three_step_aliasing
@@ -47,8 +47,6 @@ _CACHE = 1 << 20
 _LIT = 0.15
 #: Change of a statistic from which on a profile no longer holds; of sigma from which on a notice says so.
 _CHANGED, _NOTICED = 2.0, 1.5
-#: Lag of three steps from which on a notice names it.
-_SHORT = 0.02
 #: Share of the good pixels below which a profile no longer holds.
 _FEWER = 0.9
 
@@ -108,11 +106,14 @@ def applied(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> Co
 
 def _tested(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> tuple[Correspondence, Verdict]:
     found, residual = _mapped(light, ready, mask)
+    if sequence.packing is not None and sequence.packing.stripes == "unknown":
+        found = replace(found, common_u=max(STRIPES["rgb"]))
     around = None if mask is None else scipy.ndimage.minimum_filter(mask, _BLOCK)  # whole blocks of the mask
     effects = ready.profile.effects
     some = any(effect.name in ("lag", lag.LADDER) for effect in effects)
     numbers = _noise(ready), ready.tables, lag.matrix(effects, plan(sequence)) if some else None
-    return found, judged(Decoded(found, residual, light, sequence, *numbers, _moved(ready), around))
+    short = next((e.value for e in effects if e.name == lag.LADDER and sequence.packing is not None), np.nan)
+    return found, judged(Decoded(found, residual, light, sequence, *numbers, _moved(ready), around, short))
 
 
 def _refused(found: Correspondence, verdict: Verdict) -> Correspondence:
@@ -239,7 +240,7 @@ def _notices(profile: Estimates, axes: tuple[AxisPlan, ...], view: View) -> tupl
             name = f"the display's stripes are not those stated: {off}"
             cure = "sigma includes it; state their order: show --colour rgb, bgr or none"
             return (Notice.plain(name, cure),)
-        if effect.name == lag.LADDER and effect.value > _SHORT:
+        if effect.name == lag.LADDER and view.plan.packing is None:
             share = f"{100 * effect.value:.2g} %"
             name = f"a lag of about {share} of the display, which three steps take for places"
             cure = "heights may err by more than sigma; show four steps, or wait longer before each picture"

@@ -16,6 +16,7 @@ __all__ = ["STRIPES", "Packing", "at_stripe"]
 
 #: Centres along u of a cell's red, green and blue part, cells from the cell's centre, by their order.
 STRIPES = {"rgb": (-1 / 3, 0.0, 1 / 3), "bgr": (1 / 3, 0.0, -1 / 3), "none": (0.0, 0.0, 0.0)}
+STRIPES["unknown"] = STRIPES["none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +24,9 @@ class Packing:
     """exposures: numbers of the frames that red, green and blue show, (E, 3), in the order of time.
 
     stripes: order of the coloured parts of a cell along u, 'rgb' or 'bgr'; 'none' where all lie at its centre
-    (projectors). A frame that several exposures show is the mean of them. leak: of frames unmixed from
-    pictures, standard deviation of the share of another channel that remains; wider: factor on sigma where
-    their noise is no longer white. Both are no part of a description.
+    (projectors), 'unknown' where they are taken to lie there. A frame that several exposures show is the mean
+    of them. leak: of frames unmixed from pictures, standard deviation of the share of another channel that
+    remains; wider: factor on sigma where their noise is no longer white. Both are no part of a description.
     """
 
     exposures: tuple[tuple[int, int, int], ...]

@@ -30,7 +30,8 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
     fullest channel to the emptiest while that makes fewer exposures. A whole fringe, a bit and its inverse,
     white and black stay in one channel, so that no gain of a channel comes between them. stripes: see
     Packing. The sequence `ramp` becomes 21 uniform pictures that measure the mix and the curves of the
-    channels. InputError for other frames, and for bits alone along u with stripes, which move their edges.
+    channels. InputError for other frames; for bits alone along u with stripes, which move their edges; for
+    fringes along u in several channels with stripes that are unknown.
 
     >>> from optolever.patterns import sequence
     >>> grey = sequence("phase", 480, 640, periods=(36, 32.7, 30))
@@ -60,6 +61,9 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
         if fits:
             channels[full].remove(fits[-1])
             channels[empty].append(fits[-1])
+    if stripes == "unknown" and sum(_shows_fringe_of_u(sequence, groups) for groups in channels) > 1:
+        cure = "state their order (rgb, bgr, none), take gray+phase, or show grey"
+        raise InputError(f"packed: fringes along u in several colours need the display's stripes; {cure}")
     rows = [_woven(sequence, groups, channel == _FIRST[""]) for channel, groups in enumerate(channels)]
     most = max(rows, key=len)
     # an idle channel repeats its last frame, whose mean has less noise
@@ -74,6 +78,11 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
         frames=tuple(sequence.frames[i] for i in in_time),
         packing=Packing(exposures, stripes),
     )
+
+
+def _shows_fringe_of_u(sequence: Sequence, groups: list[list[int]]) -> bool:
+    frames = (sequence.frames[i] for group in groups for i in group)
+    return any((frame.kind, frame.axis) == ("phase", "u") for frame in frames)
 
 
 def _ramp(sequence: Sequence, stripes: str) -> Sequence:

@@ -164,9 +164,10 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     chi2, freedom, at_rest = solution.chi2, solution.freedom, measured.rest is not None
     height = _height(solution)
     apart = contradicted(chi2, freedom)
-    if scene.exact and not (apart and chi2 > LINEAR):
+    exact = scene.exact and measured.common_u(0.0) == 0
+    if exact and not (apart and chi2 > LINEAR):
         return _Judged(height)
-    typed = replace(scene, accuracy=TYPED) if scene.exact else scene
+    typed = replace(scene, accuracy=TYPED) if exact else scene
     if at_rest and not accept and (found := mistakes(measured, scene)):
         return _Judged(refused(height), None, found[0])
     moving = solution.state.unsettled
@@ -177,7 +178,7 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     solutions, left = model.solutions(), None
     if apart:
         left = judged_rig(model, solutions, chi2, freedom)
-        if not scene.exact:
+        if not exact:
             known = replace(height.diagnostics, chi2=left.chi2, freedom=left.freedom)
             height = replace(height, diagnostics=known)
         doubted = not left.exact and not (left.likely and left.chi2 < _DOUBTED)
@@ -185,7 +186,7 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
             found = () if at_rest else mistakes(measured, typed, left)
             if found or not left.likely:
                 return _Judged(refused(height), left, *found[:1])
-    if scene.exact:
+    if exact:
         return _Judged(height, left)
     return _Judged(replace(height, **rig_modes(model, solutions)._asdict()), left)
 

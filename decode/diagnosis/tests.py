@@ -37,13 +37,16 @@ _PAIRS, _FINE = 20, 2
 _PATCH, _PATCHES, _DOUBTFUL = 32, (3, 7), 0.02
 #: Limit of windows of residuals.
 _RESIDUAL = 30.0
+#: Lag from which on heights of three steps err by 1.4 sigma and more.
+_SHORT, _SETTLED = 0.01, "show four steps, or wait longer before each picture"
 _ASK = "optolever explain names the likeliest mistake"
 _CHECK = "no coordinates there; check the frames and capture.toml"
 
 
 class Decoded(NamedTuple):
     """A decoded capture. residual (h, w): chi2 of every EVERY-th pixel; noise, tables, matrix: of its
-    profile; moved: whether the mirror moved; mask (H, W): pixels that whole blocks may lie in."""
+    profile; moved: whether the mirror moved; mask (H, W): pixels that whole blocks may lie in; lag: of a
+    ladder of three steps in colour, NaN without."""
 
     found: Correspondence
     residual: F32
@@ -54,6 +57,7 @@ class Decoded(NamedTuple):
     matrix: F64 | None
     moved: bool
     mask: Mask | None
+    lag: float
 
 
 class Verdict(NamedTuple):
@@ -85,6 +89,7 @@ class _Test(NamedTuple):
     limit: float
     words: str
     figure: Callable[[_Seen, AxisPlan], float]
+    cure: str = _ASK
 
 
 def judged(given: Decoded) -> Verdict:
@@ -95,6 +100,9 @@ def judged(given: Decoded) -> Verdict:
     ratio = _residuals(given, known)
     few, certain = few_good(found, light, given.sequence)
     rows = _whole(given, known, certain)
+    if given.lag == given.lag:
+        words = f"a lag of about {100 * given.lag:.2g} % of the display, which three steps take for places"
+        rows.append(Judged("lag of three steps", given.lag, _SHORT, words, _SETTLED))
     refused = [row for row in rows if row.fails][:1]  # the others follow from it
     cure = _ASK if wrong.all() else _CHECK
     parts = [
@@ -126,7 +134,9 @@ def _whole(given: Decoded, known: Plan, weak: bool) -> list[Judged]:
         known_ones = {axis: float(one) for axis, one in figures.items() if one == one}
         if known_ones:
             axis = max(known_ones, key=lambda name: known_ones[name])
-            rows.append(Judged(test.name, known_ones[axis], test.limit, test.words.format(axis=axis), _ASK))
+            rows.append(
+                Judged(test.name, known_ones[axis], test.limit, test.words.format(axis=axis), test.cure)
+            )
     return rows
 
 
@@ -265,6 +275,17 @@ def _rough_share(found: Correspondence, axis: str, patches: int) -> float:
     return float(off[use].mean()) if np.count_nonzero(use) >= _FEWEST else float("nan")
 
 
+def _orders(seen: _Seen, axis: AxisPlan) -> float:
+    """Share of the pixels of enough contrast without an order of their own or their neighbours, of close
+    periods in colour."""
+    close = axis.code is None and len(axis.fringes) > 1 and axis.fringes[0].period < axis.extent
+    flags, dim = seen.found.flags, Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
+    lit = flags[flags & dim == 0]
+    if seen.plan.packing is None or not close or not lit.size:
+        return float("nan")
+    return float(np.count_nonzero(lit & (Flag.ORDER_DOUBTFUL | Flag.OUTLIER)) / lit.size)
+
+
 #: The first that fails speaks; the first of all needs enough light.
 TESTS = (
     _Test("unplaced", 0.7, "the pictures of {axis} differ from their description or its order", _unplaced),
@@ -281,5 +302,9 @@ TESTS = (
     _Test(
         "rough", 0.06,
         "neighbouring pixels see places of {axis} far apart: a picture is another", _rough,
+    ),
+    _Test(
+        "orders", 0.5, "fringe orders of {axis} are ambiguous, most likely by the order of colours", _orders,
+        "state the display's stripes (show --colour), and give pictures in red, green, blue",
     ),
 )  # fmt: skip

@@ -21,7 +21,7 @@ _APART, _FEWEST = 1 / 6, 64
 def correct(view: View) -> Correction | None:
     """Variance of u where the median of bits against fringes is off by more than half a stripe."""
     plan, number = view.plan, next((k for k, axis in enumerate(view.plan.axes) if axis.axis == "u"), -1)
-    if plan.packing is None or number < 0 or not len(view.wide.places):
+    if plan.packing is None or plan.packing.stripes == "unknown" or number < 0 or not len(view.wide.places):
         return None
     view = view._replace(sample=view.wide)
     edges = edges_of(view, plan.axes[number], smooth_places(view, view.places(view.wide)[number]))

@@ -71,6 +71,14 @@ class Measurement(NamedTuple):
             return self.correspondence
         return rest_corrected(self.correspondence, self.rest, scene)
 
+    def common_u(self, centroid: float) -> float:
+        """Standard deviation of an error of all u, at least that of a cell's centroid; of captures against
+        rest, which see the same cells, only what one of them has alone."""
+        own = self.correspondence.common_u
+        if self.rest is None:
+            return max(own, centroid)
+        return 0.0 if own == self.rest.common_u else max(own, self.rest.common_u)
+
     def coarse(self, step: int) -> "Measurement":
         """Every step-th row and column of it, correspondences as means over the pixels between."""
         return Measurement(
@@ -295,6 +303,7 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
     shares = np.eye(len(root))[None] if known is None or known.shares is None else known.shares
     others: list[tuple[str, int]] = []
     shifts = np.zeros((0, 2, *problem.valid.shape))
+    centroid = measured.common_u(0.0 if typed is None else typed.centroid)
     if typed is not None:
         if typed.sag > 0 and (at_rest or problem.samples.rest.any()):
             form = RestForm(np.zeros(len(_SAG))) if scene.rest_form is None else scene.rest_form
@@ -303,9 +312,9 @@ def _model(measured: Measurement, scene: Scene, step: int) -> RigModel | None:
             root, others = scipy.linalg.block_diag(root, sag), [(SAG, len(_SAG))]
         glass = typed.glass * glass_shift(scene, problem, state.w, at_rest)
         shifts, others = glass[None], [*others, (GLASS, 1)]
-        if not at_rest:  # both captures see the same stripes
-            stripes = np.broadcast_to([[[typed.centroid]], [[0.0]]], glass.shape)
-            shifts, others = np.stack([glass, stripes]), [*others, (CENTROID, 1)]
+    if centroid > 0:
+        stripes = np.broadcast_to([[[[centroid]], [[0.0]]]], (1, *shifts.shape[1:]))
+        shifts, others = np.concatenate([shifts, stripes]), [*others, (CENTROID, 1)]
     flat = flat_mirror(scene) if at_rest else None
     if flat is not None:
         moved = motion_shifts(coarse.correspondence, scene, flat, step)
@@ -427,7 +436,8 @@ def _coarse(c: Correspondence, step: int) -> Correspondence:
     sigma_u, sigma_v = (
         np.where(whole, s / side, s) for s in (c.sigma_u[::step, ::step], c.sigma_v[::step, ::step])
     )
-    return Correspondence(mean(c.u), mean(c.v), sigma_u, sigma_v, c.flags[::step, ::step].copy())
+    flags = c.flags[::step, ::step].copy()
+    return Correspondence(mean(c.u), mean(c.v), sigma_u, sigma_v, flags, common_u=c.common_u)
 
 
 def _anchors(anchor: Anchors, step: int) -> Anchors:

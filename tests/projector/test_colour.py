@@ -111,16 +111,44 @@ def test_the_virtual_sensor_takes_the_pictures_of_the_other_renderer() -> None:
     assert np.abs(light - wanted)[:, 4:-4, 4:-4].max() < 0.005
 
 
-@pytest.mark.parametrize("wrong", ["bgr", "none"])
-def test_a_ladder_with_other_stripes_than_stated_is_refused(wrong: str) -> None:
-    """Where the stated ones are a third of a cell off at least in part, and the rest has a wide sigma."""
-    scene, shown = _scene(), _packed("phase:periods=9/10/11", wrong)
-    taken = unmixed(_levels(seen_pictures(scene, shown, "rgb", 120, 160), 5), shown, _response())
+@pytest.mark.parametrize("steps", [3, 4])
+@pytest.mark.parametrize("wrong", ["bgr", "none", "camera"])
+def test_a_ladder_of_another_order_of_colours_is_refused(wrong: str, steps: int) -> None:
+    """Of the display's stripes, or of the camera's channels."""
+    stated = "rgb" if wrong == "camera" else wrong
+    scene, shown = _scene(), _packed(f"phase:periods=9/10/11,steps={steps}", stated)
+    images = _levels(seen_pictures(scene, shown, "rgb", 120, 160), 5)
+    taken = unmixed(images[..., ::-1] if wrong == "camera" else images, shown, _response())
     found = decode(taken.frames, taken.sequence)
-    assert found.good.mean() < (0.01 if wrong == "bgr" else 0.4)
-    assert any("fringe orders are ambiguous" in notice.name for notice in found.notices)
-    error, sigma = _off(found, scene, "u")
-    assert (np.abs(error) < 3 * sigma).all()
+    assert not found.good.any()
+    assert "fringe orders of u are ambiguous" in found.notices[0].name or wrong == "bgr"
+    assert "--colour" in found.notices[0].cure or wrong == "bgr"
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.015])
+def test_a_lag_under_three_steps_without_bits_is_refused(lag: float) -> None:
+    """From 1 % on: heights then err by 1.4 sigma and more."""
+    scene, shown = _scene(), _packed("phase:periods=9/10/11,steps=3", "none")
+    taken = unmixed(_levels(seen_pictures(scene, shown, None, 120, 160), 5, lag), shown, _response())
+    found = decode(taken.frames, taken.sequence)
+    assert found.good.any() == (lag == 0)
+    assert any("which three steps take for places" in one.name for one in found.notices) == (lag > 0)
+
+
+def test_unknown_stripes_are_an_error_that_all_pixels_share() -> None:
+    """As large as the third of a cell by which red lies aside; its sigma is apart from that of places."""
+    scene, shown = _scene(), _packed("gray+phase", "unknown")
+    light = [seen_pictures(scene, shown, stripes, 120, 160) for stripes in ("rgb", "bgr")]
+    for images, off in zip(light, (1 / 3, -1 / 3), strict=True):
+        taken = unmixed(_levels(images, 5), shown, _response())
+        found = decode(taken.frames, taken.sequence)
+        assert not found.notices
+        assert found.common_u == 1 / 3
+        error, sigma = _off(found, scene, "u")
+        assert error.mean() == pytest.approx(off, abs=0.003)
+        assert 0.8 < np.sqrt(np.median(((error - error.mean()) / sigma) ** 2) / 0.4549) < 1.2
+    with pytest.raises(InputError, match=r"need the display's stripes; state their order"):
+        _packed("phase:periods=9/10/11", "unknown")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,18 @@ from optolever.reconstruct import (
     exact_correspondence,
     reconstruct,
 )
-from optolever.scene import Accuracy, Covariance, Scene, adjusted, dent, load, parameter_values, resize, trace
+from optolever.scene import (
+    Accuracy,
+    Covariance,
+    Scene,
+    adjusted,
+    dent,
+    dent_from_text,
+    load,
+    parameter_values,
+    resize,
+    trace,
+)
 
 SIGMAS = {"camera.ry": 1e-4, "pattern.z": 0.02}  # rad, mm
 
@@ -114,3 +125,20 @@ def test_a_cover_glass_is_what_refraction_in_it_does(rig: Scene) -> None:
     at = np.unravel_index(np.argmax(np.where(height.good, height.z, -1)), height.z.shape)
     point = next(iter(budget(height).values()))
     assert point["cover glass"] == pytest.approx(abs(moved.z[at] - height.z[at]), rel=0.02)
+
+
+@pytest.mark.parametrize("at_rest", [False, True])
+def test_an_error_that_all_u_share_is_in_sigma_and_cancels_against_rest(at_rest: bool) -> None:
+    """Stripes of a display in colour that are unknown: a third of a cell in every pixel."""
+    scene = resize(load("prism48", exact=True), 48, 64)
+    shapes = [trace(scene, dent_from_text(text, scene)) for text in (scene.dent or "flat", "flat")]
+    off = [replace(one, u=one.u + 1 / 3, common_u=1 / 3) for one in (exact_correspondence(t) for t in shapes)]
+    found = reconstruct(off[0], scene, rest=off[1] if at_rest else None)
+    error, known = (found.z - shapes[0].z)[found.good], found.calibration_sigma
+    assert known is not None
+    ratio = np.abs(error) / np.maximum(known[found.good], 1e-9)
+    if at_rest:
+        assert np.abs(error).max() < 5e-4
+    else:
+        assert 0.9 < np.median(ratio) < 1.1
+        assert "colour stripes of the display" in found.sources
