@@ -49,6 +49,7 @@ _ROUGH = 0.03  # of the depth: misfit inside that the whole fit allows for
 _REFUSED = (0.03, 8.0, 0.005)  # misfit over the depth; in noises and over the depth
 _FOLLOWS, _APART = 0.007, 1.7  # of the depth: misfit of a whole fit; sigmas between both forces
 _AROUND, _FINE = 1.6, 33  # radii: half of the depth lies inside; cells of its area, a side
+_PLACES = np.linspace(0.0, 1.0, 129)  # of a pressure's field
 _SHARES = 0.5, 0.3  # of the difference of both forces in the sigma of the whole fit's, of the flank's
 _FORCE, _THIN = 0.002, 0.09  # least relative sigma of a force; of one on a layer, times (a / h)^4
 
@@ -131,8 +132,8 @@ def elastic_fits(
     poisson, thickness = (0.5, None) if layer is None else (layer.poisson, layer.thickness_mm)
     base = _Base(thickness or math.inf, poisson)
     found: list[ElasticFit | None] = [None] * len(regions)
-    clear = [float(surface.good[one.box][one.inside].mean()) > CLEAR for one in regions]
     for search in (False, True)[: 1 + (thin and thickness is None)]:
+        clear = [not search or surface.good[one.box][one.inside].mean() > CLEAR for one in regions]
         # half a disc is as long as two: it is one, unless one does not make the field
         for single in (True, False)[0 if any(one.cut for one in regions) else 1 :]:
             if None not in found:
@@ -280,40 +281,50 @@ def _heights(
         dx, dy, grown, m = terms[4 * k : 4 * k + 4].tolist()
         right, up = x - discs.x[n] - dx, y - discs.y[n] - dy
         r, load = np.hypot(right, up), float(terms[contacts + n])
-        size, h = float(discs.size[k]) * math.exp(grown), base.thickness
-        w = _profile(r, size, m, base)
-        shapes = (r + _STEP * size, size, m), (r, size * (1 + _STEP), m), (r, size, m + _STEP)
-        slope, by_size, by_power = ((_profile(*shape, base) - w) / _STEP for shape in shapes)
+        w, slope, by_size, by_power, by_thickness = _profile(
+            r, float(discs.size[k]) * math.exp(grown), m, base
+        )
         total += load * w
         by[contacts + n] = w
-        toward = -load / size * slope / np.maximum(r, 1e-9)
+        toward = -load * slope / np.maximum(r, 1e-9)
         by[4 * k : 4 * k + 4] += [toward * right, toward * up, load * by_size, load * by_power]
         if search:
-            by[-1] += load * (_profile(r, size, m, base._replace(thickness=h * (1 + _STEP))) - w) / _STEP
+            by[-1] += load * by_thickness
     return total, by
 
 
 def _profile(r: Floats, a: float, m: float, base: _Base) -> Floats:
-    """w pi E* / F (n,), mm^-1, at distances r."""
-    q, h, w = r / a, base.thickness, np.empty(r.size)
-    for where, table, u in zip((q < 1, q >= 1), _table(), (q, 1 / np.maximum(q, 1.0)), strict=True):
-        w[where] = table.ev(m, np.sqrt(np.maximum(1 - u[where], 1e-8))) / a
+    """w pi E* / F at distances r (n,), and its derivatives by r, log a, m and log h: (5, n), mm^-1."""
+    q, h, w = r / a, base.thickness, np.zeros((5, r.size))
+    for where, table, outside in zip((q < 1, q >= 1), _tables(), (False, True), strict=True):
+        here = q[where]
+        u = 1 / here if outside else here
+        t = np.sqrt(np.maximum(1 - u, 1e-8))
+        line = scipy.interpolate.PPoly(np.stack([table(m), table(m, 1)], axis=-1), _PLACES)
+        (value, by_power), by_t = line(t).T, line(t, 1)[:, 0]
+        by_q = by_t / (2 * t) * (u**2 if outside else -1)
+        w[:4, where] = np.stack([value, by_q / a, -value - here * by_q, by_power]) / a
     if math.isfinite(h):
-        at = np.clip(r / h, 0.02, BONDED)
-        b, slope, bend = (bonded(base.poisson)(at, order) for order in range(3))
-        added = (b + (a / h) ** 2 / (4 * (m + 2)) * (bend + slope / at)) / h
-        w += np.where(at < BONDED, added, -1 / np.maximum(r, a))
+        at, spline, share = np.clip(r / h, 0.02, BONDED), bonded(base.poisson), (a / h) ** 2 / (4 * (m + 2))
+        b, slope, bend, third = (spline(at, order) for order in range(4))
+        disc = bend + slope / at
+        added, steep = b + share * disc, slope + share * (third + (bend - slope / at) / at)
+        by_size = 2 * share * disc
+        near = added, steep / h, by_size, -share / (m + 2) * disc, -at * steep - by_size - added
+        far, none = np.maximum(r, a), np.zeros(r.size)
+        w += np.where(at < BONDED, np.stack(near) / h, [-1 / far, far**-2, none, none, none])
     return w
 
 
 @lru_cache(maxsize=1)
-def _table() -> "tuple[scipy.interpolate.RectBivariateSpline, ...]":
-    """w pi E* a / F inside and outside by m and by sqrt(1 - u), u = q and 1 / q: smooth at the disc's end."""
-    m, t = np.linspace(_POWERS[0], _POWERS[1] + 0.05, 52)[:, None], np.linspace(0.0, 1.0, 129)
-    u = 1 - t**2
+def _tables() -> "tuple[scipy.interpolate.CubicSpline, ...]":
+    """By m splines' pieces (4, n) of w pi E* a / F inside and outside between `_PLACES` of sqrt(1 - u),
+    u = q and 1 / q: smooth at the disc's end."""
+    m, u = np.linspace(_POWERS[0], _POWERS[1] + 0.05, 52)[:, None], 1 - _PLACES**2
     inside = (m + 1) * scipy.special.beta(0.5, m + 1) * scipy.special.hyp2f1(0.5, -0.5 - m, 1, u**2)
     outside = u * scipy.special.hyp2f1(0.5, 0.5, m + 2, u**2)
-    return tuple(scipy.interpolate.RectBivariateSpline(m[:, 0], t, each) for each in (inside, outside))
+    lines = (scipy.interpolate.CubicSpline(_PLACES, each, axis=1).c for each in (inside, outside))
+    return tuple(scipy.interpolate.CubicSpline(m[:, 0], np.moveaxis(each, 2, 0)) for each in lines)
 
 
 def _figures(

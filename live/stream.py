@@ -25,15 +25,14 @@ from .verdict import FADED, UNEXPLAINED, judge
 __all__ = ["RESOLVED", "Live"]
 
 _SPARSE = 4  # stride of the pixels and cells of medians and shares
-_LEAST_NOISE = 0.05  # minimum variance of a dark image over that at rest
-_LEAST_STRENGTH = 0.05
+_LEAST = 0.05  # variance of a dark image's noise, and amplitude, over those at rest
 _REMAINS, _MOST = 0.06, 0.6  # share of the window's smoothing that stays: measured on 33 dents of lab live
 _EARLY = 0.3  # the same, times steps, where few end the fit: after two 2.2 times that after five
 _COLUMNS = 80  # at least, of the grid on which contacts are looked for first
-_ROUNDS = 4  # of contacts, and of the fit of their load
+_ROUNDS = 4  # of contacts and the fit of their load, of fits behind holes
 _KINK = 30.0  # residual over the usual one, mean squares, at which half of what a kink loses is lacking
 _AS_DEEP = 0.8  # of a contact's measured depth
-_AGAIN, _FITTED = 2, 2000  # fits of an elastic field behind a hole; cells of the map
+_AWAY, _FITTED = 0.1, 2000  # radii by which a fit behind a hole moves it, to be done again; cells of the map
 RESOLVED = 2.2  # windows, rms: radius of a contact whose depth is measured
 _HIDDEN = 10.0  # sigma at rest: of a height that is interpolated
 
@@ -158,14 +157,16 @@ def _touching(prepared: Prepared, surface: Surface, regions: Sequence[Region]) -
     layer, fits = prepared.layer, list[ElasticFit | None]()
     least = RESOLVED * prepared.rig.carriers.spread * math.sqrt(prepared.area)
     if any(one.hole or one.cut or one.radius < least for one in regions):
-        some, every = np.zeros_like(surface.good), math.ceil(math.sqrt(surface.good.size / _FITTED))
-        some[::every, ::every] = True
-        few = replace(surface, good=surface.good & some)
-        fits = elastic_fits(few, regions, layer, least, thin=False)
-        for _ in range(_AGAIN):  # what hides its middle makes a contact look wide and shallow
-            placed = [_placed(*pair) for pair in zip(regions, fits, strict=True)]
-            if any(one.hole and fit for one, fit in zip(regions, fits, strict=True)):
-                fits = elastic_fits(few, placed, layer, least, thin=False)
+        every = (slice(None, None, math.ceil(math.sqrt(surface.good.size / _FITTED))),) * 2
+        x, y, z, sigma = (part[every] for part in (surface.x, surface.y, surface.z, surface.sigma))
+        modes, motions = surface.common[:, *every], surface.motions
+        few = Surface(x, y, z, sigma, surface.good[every], modes=modes, motions=motions)
+        fits, placed = elastic_fits(few, regions, layer, least, thin=False), regions
+        for _ in range(_ROUNDS):  # what hides its middle makes a contact look wide and shallow
+            before, placed = placed, [_placed(*pair) for pair in zip(regions, fits, strict=True)]
+            if not any(one.hole and _apart(one, other) for one, other in zip(before, placed, strict=True)):
+                break
+            fits = elastic_fits(few, placed, layer, least, thin=False)
         pairs = zip(regions, fits, strict=True)  # a field that fades makes none as deep as what is measured
         fits = [fit if fit and fit.values[3] > _AS_DEEP * one.depth else None for one, fit in pairs]
     found = contacts(surface, regions, layer, fits)
@@ -178,6 +179,11 @@ def _placed(region: Region, fit: ElasticFit | None) -> Region:
         return region
     x, y, radius = fit.values[:3].tolist()
     return replace(region, x=x, y=y, radius=radius, circles=((x, y, radius),))
+
+
+def _apart(one: Region, other: Region) -> bool:
+    away = one.x - other.x, one.y - other.y, one.radius - other.radius
+    return math.hypot(*away) > _AWAY * other.radius
 
 
 def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> Cells:
@@ -200,7 +206,7 @@ def _share(good: Mask, among: Mask) -> float:
 
 def _noise_scale(prepared: Prepared, settled: Settled) -> float:
     """Variance of the image's noise over that at rest."""
-    return max(settled.usual / prepared.rig.noise, _LEAST_NOISE)
+    return max(settled.usual / prepared.rig.noise, _LEAST)
 
 
 def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0, early: bool = False) -> Cells:
@@ -208,7 +214,7 @@ def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0, early: bool
     inconsistency of its slopes; the predicted change by further steps; and what the window still smooths,
     early: with what few steps leave of it, which makes no peak."""
     factor = np.float32(np.sqrt(_noise_scale(prepared, settled) * birge))
-    noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST_STRENGTH)
+    noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST)
     ahead, smoothed = np.square(settled.ahead), np.square(_smoothed(prepared, settled, early))
     return np.where(settled.good, np.sqrt(noise * noise + ahead + smoothed), np.float32(np.inf))
 

@@ -20,10 +20,7 @@ _SIGMAS = 6.0  # of a grey value: residual of a stray pixel, at least
 _OF_LARGEST, _REACH = 0.5, 9  # share of the largest residual among so many pixels
 _ROUNDS = 8
 _DARK, _OUT, _LOST = 0.5, 5, 7  # level over that at rest, of its median; cells across that are left out, lost
-_ASKED, _OTHERS = (
-    0.35,
-    0.2,
-)  # share of squares of the rarer sign: of the largest, of all left out; dents: .4, .5
+_ASKED, _OTHERS = 0.35, 0.2  # of the rarer sign: share of the largest squares, of all left out; dents: .4, .5
 _MOST = 0.05  # share of the pixels
 
 
