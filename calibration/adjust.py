@@ -15,14 +15,12 @@ import scipy
 
 from optolever.arrays import Floats
 from optolever.errors import InputError
-from optolever.scene import Scene, adjusted, parameter_values
+from optolever.scene import Scene, adjusted, parameter_values, shifted
 
 from .observation import Sample
 from .targets import Shape
 
 __all__ = ["Adjustment", "Problem", "adjust", "among", "covariance_of", "step_of"]
-
-Rays = tuple[Floats, Floats]
 
 _STEPS = 12
 _SETTLED = 1e-11  # mm
@@ -73,30 +71,31 @@ class Problem:
         """Prior standard deviations of the unknowns, (p,)."""
         return np.array(list(self.sigmas.values()))
 
+    @property
+    def prior(self) -> Floats:
+        """Prior means of the unknowns, (p,)."""
+        return np.array([self.means.get(name, 0.0) for name in self.names])
+
     def named(self, vector: Floats) -> dict[str, float]:
         """Values of the unknowns and the fixed values, by name."""
         return dict(self.fixed) | dict(zip(self.names, vector.tolist(), strict=True))
 
     def scene_at(self, vector: Floats) -> Scene:
         """The scene with these parameter values."""
-        return self._scene(self.named(vector))
+        return adjusted(self.scene, self._of_scene(self.named(vector)), self.known)
 
-    def _scene(self, values: Mapping[str, float]) -> Scene:
-        return adjusted(self.scene, {n: by for n, by in values.items() if n in self.known}, self.known)
+    def _of_scene(self, values: Mapping[str, float]) -> dict[str, float]:
+        return {name: value for name, value in values.items() if name in self.known}
 
     def data(self, vector: Floats) -> list[Floats]:
         """Residuals (2 n,) of every sample."""
         values, scene = self.named(vector), self.scene_at(vector)
-        rays = (rays_of(scene, s.row, s.col) for s in self.samples)
-        return [
-            _rows(s, scene, self._reflected(s, values, each))
-            for s, each in zip(self.samples, rays, strict=True)
-        ]
+        rays = [self._reflected(s, values, rays_of(scene, s.row, s.col)) for s in self.samples]
+        return [_rows(s, scene, each)[0] for s, each in zip(self.samples, rays, strict=True)]
 
     def residuals(self, vector: Floats) -> Floats:
         """All rows: samples, priors."""
-        means = np.array([self.means.get(name, 0.0) for name in self.names])
-        return np.concatenate([*self.data(vector), (vector - means) / self.scale])
+        return np.concatenate([*self.data(vector), (vector - self.prior) / self.scale])
 
     def _own(self, s: Sample) -> set[str]:
         """Unknowns of the targets (not of the scene) that affect a sample's rows."""
@@ -104,7 +103,7 @@ class Problem:
         return names if s.reference is None else names | {*s.reference.unknowns(self.frame, True)}
 
     @np.errstate(all="ignore")
-    def _reflected(self, s: Sample, values: Mapping[str, float], rays: Rays) -> list[Rays]:
+    def _reflected(self, s: Sample, values: Mapping[str, float], rays: Floats) -> list[Floats]:
         """The sample's rays after its mirror, and after its reference, if it has one."""
         shapes = [s.target.shape(s.name, values, self.scene.mirror)]
         if s.reference is not None:
@@ -116,32 +115,30 @@ class Problem:
         return 0.5 * (self.forward(vector, _CENTRAL) + self.forward(vector, -_CENTRAL))
 
     def forward(self, vector: Floats, steps: float = 1.0) -> Floats:
-        """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture;
-        those of the camera are one computation: rays of all cameras on the same mirror and pattern."""
+        """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture."""
         starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
         rows = np.zeros((self.count, len(vector)))
         scene, fixed, data = self.scene_at(vector), self.named(vector), self.count - len(vector)
         moves = [steps * step_of(name) + at - at for name, at in zip(self.names, vector, strict=True)]
-        moved = [dict(fixed) | {name: fixed[name] + by} for name, by in zip(self.names, moves, strict=True)]
+        moved = [fixed | {name: fixed[name] + by} for name, by in zip(self.names, moves, strict=True)]
         scenes = {
-            k: self._scene(moved[k]) if name in self.known else scene for k, name in enumerate(self.names)
+            k: shifted(self.scene, self._of_scene(moved[k]), self.known)
+            for k, name in enumerate(self.names)
+            if name in self.known
         }
-        of_camera = [k for k, name in enumerate(self.names) if name in self.known and name[0] in "cf"]
+        turned = [k for k in scenes if not self.names[k].startswith("pattern.")]
         rows[data + np.arange(len(vector)), np.arange(len(vector))] = 1 / self.scale
         for i, s in enumerate(self.samples):
-            rays, own, part = rays_of(scene, s.row, s.col), self._own(s), rows[starts[i] : starts[i + 1]]
-            out = self._reflected(s, fixed, rays)
-            here = _rows(s, scene, out)
-            if of_camera:
-                each = [rays_of(scenes[k], s.row, s.col) for k in of_camera]
-                joined = (np.concatenate([one[j] for one in each], axis=1) for j in (0, 1))
-                there = _rows(s, scene, self._reflected(s, fixed, (*joined,)), len(each))  # type: ignore[arg-type]
-                part[:, of_camera] = (there.reshape(len(each), -1) - here).T
+            n, own, part = s.row.size, self._own(s), rows[starts[i] : starts[i + 1]]
+            rays = [rays_of(each, s.row, s.col) for each in (scene, *(scenes[k] for k in turned))]
+            out = self._reflected(s, fixed, np.concatenate(rays, axis=2))
+            here, *there = _rows(s, scene, out)
+            part[:, turned] = np.transpose(there) - here[:, None]
             for k, name in enumerate(self.names):
-                if name in self.known and name.startswith("pattern."):
-                    part[:, k] = _rows(s, scenes[k], out) - here
-                elif name in own:
-                    part[:, k] = _rows(s, scenes[k], self._reflected(s, moved[k], rays)) - here
+                if name in own:
+                    part[:, k] = _rows(s, scene, self._reflected(s, moved[k], rays[0]))[0] - here
+                elif k in scenes and k not in turned:
+                    part[:, k] = _rows(s, scenes[k], [one[..., :n] for one in out])[0] - here
         rows[:data] /= moves
         return rows
 
@@ -173,20 +170,16 @@ class Adjustment:
 
 
 @np.errstate(all="ignore")
-def _rows(s: Sample, scene: Scene, out: Sequence[Rays], count: int = 1) -> Floats:
-    """Residuals (2 n,) of a sample's rays after its mirror, less those after its reference; of `count` times
-    its rays one after the other."""
+def _rows(s: Sample, scene: Scene, out: Sequence[Floats]) -> Floats:
+    """Residuals (m, 2 n) of m times a sample's rays after its mirror, less those after its reference."""
     u, v, _ = scene.pattern.landing(*out[0])
     for rays in out[1:]:
         u0, v0, _ = scene.pattern.landing(*rays)
         u, v = u - u0, v - v0
-    rows = np.stack(
-        [(u.reshape(count, -1) - s.u) / s.sigma_u, (v.reshape(count, -1) - s.v) / s.sigma_v], axis=1
-    ).ravel()
-    if not np.isfinite(rows).all():
-        np.nan_to_num(rows, copy=False, nan=_LOST, posinf=_LOST, neginf=-_LOST)
-    clipped: Floats = np.minimum(np.maximum(rows, -_LARGEST), _LARGEST)
-    return clipped
+    u, v = (part.reshape(-1, s.row.size) for part in (u, v))
+    rows = np.hstack([(u - s.u) / s.sigma_u, (v - s.v) / s.sigma_v])
+    rows = np.nan_to_num(rows, copy=False, nan=_LOST, posinf=_LOST, neginf=-_LOST)
+    return np.clip(rows, -_LARGEST, _LARGEST)
 
 
 def covariance_of(jacobian: Floats, scale: Floats, chi: float) -> Floats:
@@ -201,7 +194,7 @@ def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, mo
     """The minimum from a start (missing names: the prior's mean) in at most `most` evaluations. rough: stop
     where a step lowers the sum of squares by less than 1e-6 of it, with one-sided Jacobians at half the
     cost."""
-    first = np.array([start.get(name, problem.means.get(name, 0.0)) for name in problem.names])
+    first = np.array([start.get(name, mean) for name, mean in zip(problem.names, problem.prior, strict=True)])
 
     def residuals(vector: Floats) -> Floats:
         try:
@@ -260,14 +253,13 @@ def step_of(name: str) -> float:
     return _TINY.get(name.rpartition(".")[2], _SMALL)
 
 
-def rays_of(scene: Scene, row: Floats, col: Floats) -> tuple[Floats, Floats]:
-    """Origins and directions (3, n) of the rays of a scene's pixels."""
-    origins, directions = scene.camera.rays_at(row, col)
-    return np.ascontiguousarray(origins.T), np.ascontiguousarray(directions.T)
+def rays_of(scene: Scene, row: Floats, col: Floats) -> Floats:
+    """Origins and directions (2, 3, n) of the rays of a scene's pixels."""
+    return np.stack([part.T for part in scene.camera.rays_at(row, col)])
 
 
-def reflected(rays: tuple[Floats, Floats], shape: Shape) -> tuple[Floats, Floats]:
-    """Points (3, n) on the mirror, mm, and directions (3, n) from there to the pattern."""
+def reflected(rays: Floats, shape: Shape) -> Floats:
+    """Points on the mirror, mm, and directions (2, 3, n) from there to the pattern."""
     o, d = rays
     t = -o[2] / d[2]
     for _ in range(_STEPS):
@@ -279,4 +271,4 @@ def reflected(rays: tuple[Floats, Floats], shape: Shape) -> tuple[Floats, Floats
         if not (np.abs(step) >= _SETTLED).any():
             break
     twice = 2 * fall / (1 + hx * hx + hy * hy)
-    return o + t * d, np.stack([d[0] + twice * hx, d[1] + twice * hy, d[2] - twice])
+    return np.stack([o + t * d, [d[0] + twice * hx, d[1] + twice * hy, d[2] - twice]])

@@ -16,7 +16,7 @@ from optolever.notices import Notice
 from .adjust import Adjustment
 from .observation import Observation
 from .predicted import Effects
-from .priors import GAUGE, MEANING, plausible
+from .priors import GAUGE, plausible
 from .targets import Ball, Flat, Plate, Rest
 
 __all__ = ["BEYOND", "MOST_CHI", "Direction", "beyond_priors", "directions", "lacking", "notices"]
@@ -52,9 +52,9 @@ class Direction:
 
     @property
     def names(self) -> str:
-        """The parameters, in words."""
-        words = [MEANING.get(name, name) for name, _ in self.parts]
-        return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]} separately"
+        """The parameters."""
+        names = [name for name, _ in self.parts]
+        return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} separately"
 
 
 def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
@@ -82,7 +82,7 @@ def directions(found: Adjustment, names: Sequence[str]) -> list[Direction]:
 def beyond_priors(found: Adjustment, limit: float = BEYOND) -> list[Notice]:
     """Parameters that ended more than `limit` prior sigma from the prior's mean, farthest first."""
     problem = found.problem
-    means = np.array([problem.means.get(name, 0.0) for name in problem.names])
+    means = problem.prior
     away = np.abs(found.values - means) / problem.scale
     lens = [f"camera.{key}" for key in ("k1", "cx", "cy") if f"camera.{key}" in problem.held]
     free = f"most likely the lens is distorted: calibrate --prior {lens[0]}=0.2; else " if lens else ""

@@ -7,43 +7,13 @@ from dataclasses import fields, replace
 from optolever.errors import InputError
 from optolever.scene import GAUGE_HELD, TYPED, Accuracy, Scene, parameter_values, typed_sigmas
 
-__all__ = ["GAUGE", "MEANING", "default_priors", "is_pose", "plausible", "resolved", "unused_accuracy"]
+__all__ = ["GAUGE", "default_priors", "is_pose", "plausible", "resolved", "unused_accuracy"]
 
 #: Parameters that are never free: another choice moves the frame, but no height.
 GAUGE = (
     "z = 0 is the mirror of the first capture at rest, else of the first flat; x, y and the turn about its "
     "normal are those of the typed camera"
 )
-
-#: Parameter -> its name in notices.
-MEANING = {
-    "camera.f": "the focal length",
-    "camera.cx": "the principal point (columns)",
-    "camera.cy": "the principal point (rows)",
-    "camera.k1": "the lens distortion k1",
-    "camera.k2": "the lens distortion k2",
-    "camera.p1": "the lens decentering p1",
-    "camera.p2": "the lens decentering p2",
-    "camera.z": "the camera's distance",
-    "camera.rx": "the camera's tilt about x",
-    "camera.ry": "the camera's tilt about y",
-    "camera.pitch_u": "the camera's pixel pitch along columns",
-    "camera.pitch_v": "the camera's pixel pitch along rows",
-    "pattern.x": "the pattern's position along u",
-    "pattern.y": "the pattern's position along v",
-    "pattern.z": "the pattern's distance",
-    "pattern.rx": "the pattern's tilt about u",
-    "pattern.ry": "the pattern's tilt about v",
-    "pattern.rz": "the pattern's rotation in its plane",
-    "pattern.pitch": "the pattern's pitch",
-    "pattern.b20": "the display's bow along u",
-    "pattern.b11": "the display's twist",
-    "pattern.b02": "the display's bow along v",
-    "face.rx": "the camera face's tilt about its first axis",
-    "face.ry": "the camera face's tilt about its second axis",
-    "face.distance": "the camera face's distance",
-    "face.index": "the index of refraction",
-}
 
 
 def plausible(scene: Scene) -> dict[str, float]:

@@ -30,6 +30,7 @@ from .parameters import (
     parameter_changes,
     parameter_values,
     rig_covariance,
+    shifted,
     typed_covariance,
     typed_sigmas,
     without_rest_form,
@@ -48,7 +49,7 @@ __all__ = [
     "RestForm", "Scene", "Sensor", "Surface", "TelecentricCamera", "Trace", "TypedRig", "adjusted",
     "dent", "dent_from_text", "dent_names", "dent_parameters", "load", "mean_beside", "movement",
     "parameter_changes", "parameter_values", "preset_names", "prism_camera", "prism_pattern",
-    "resize", "rig_covariance", "rig_table", "rig_toml", "scene_window", "strided",
+    "resize", "rig_covariance", "rig_table", "rig_toml", "scene_window", "shifted", "strided",
     "surface_from_array", "trace", "typed_covariance", "typed_sigmas", "without_rest_form",
     "write_sections",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ changes relative to the scene's: the camera's and the face's in the mirror's axe
 about its middle. mm, rad.
 """
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -24,7 +24,7 @@ from .scene import Scene
 
 __all__ = [
     *("GAUGE_HELD", "adjusted", "parameter_changes", "parameter_values", "rig_covariance"),
-    *("typed_covariance", "typed_sigmas", "without_rest_form"),
+    *("shifted", "typed_covariance", "typed_sigmas", "without_rest_form"),
 ]
 
 _LENS = ("k1", "k2", "p1", "p2", "k3")
@@ -94,13 +94,21 @@ def adjusted(scene: Scene, values: Mapping[str, float], known: Mapping[str, floa
             raise InputError(f"parameter {name!r}: the scene has none, must be one of {', '.join(known)}")
         if not abs(value) <= _MOST:
             raise InputError(f"parameter {name!r} = {value}: must be finite, at most {_MOST:g}")
+    found = shifted(scene, values, known)
+    if any(values[name] != known[name] for name in _INTRINSIC & values.keys()):
+        return changed(found, camera=replace(found.camera))  # whose lens folds nowhere
+    return found
+
+
+def shifted(scene: Scene, values: Mapping[str, float], known: Mapping[str, float]) -> Scene:
+    """`adjusted` by small steps, as of derivatives, without its checks."""
     moved = {name for name, value in values.items() if value != known[name]}
     every = {**known, **values}
     camera, pattern, form = scene.camera, scene.pattern, scene.rest_form
     if form is not None and any(name.startswith("rest.") for name in moved):
         form = RestForm(np.array([every[f"rest.{name}"] for name in form.values]))
     if any(name.startswith(("camera.", "face.")) for name in moved):
-        camera = _camera(camera, every, moved)
+        camera = _camera(camera, every)
     if any(name.startswith("pattern.") for name in moved):
         pattern = _pattern(pattern, every)
     return changed(scene, camera=camera, pattern=pattern, rest_form=form)
@@ -193,7 +201,7 @@ def _turn(values: Mapping[str, float], part: str) -> tuple[Float, Float]:
     return pose[:3], pose[3:]
 
 
-def _camera(camera: Camera, values: Mapping[str, float], moved: Set[str]) -> Camera:
+def _camera(camera: Camera, values: Mapping[str, float]) -> Camera:
     shift, turn = _turn(values, "camera")
     rotation = rotation_from_vector(turn)
     posed: dict[str, Any] = {
@@ -202,16 +210,13 @@ def _camera(camera: Camera, values: Mapping[str, float], moved: Set[str]) -> Cam
         "v_axis": rotate(rotation, camera.v_axis),
         "face": None if camera.face is None else _face(camera.face, values),
     }
-    camera = changed(camera, **posed)
-    if moved.isdisjoint(_INTRINSIC):
-        return camera
     if isinstance(camera, PinholeCamera):
-        focal = camera.focal * (values["camera.f"] / camera.focal[0])
-        centre = np.array([values["camera.cx"], values["camera.cy"]])
-        lens = np.array([values[f"camera.{name}"] for name in _LENS])
-        return replace(camera, focal=focal, centre=centre, distortion=lens)
-    pitch = [positive(name, values[name]) for name in ("camera.pitch_u", "camera.pitch_v")]
-    return changed(camera, pitch=np.array(pitch))
+        posed["focal"] = camera.focal * (values["camera.f"] / camera.focal[0])
+        posed["centre"] = np.array([values["camera.cx"], values["camera.cy"]])
+        posed["distortion"] = np.array([values[f"camera.{name}"] for name in _LENS])
+    else:
+        posed["pitch"] = np.array([values["camera.pitch_u"], values["camera.pitch_v"]])
+    return changed(camera, **posed)
 
 
 def _face(face: Face, values: Mapping[str, float]) -> Face:
