@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
-from math import isfinite, isinf, nan, radians
+from math import isfinite, isinf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,7 +11,7 @@ import click
 import optolever as ol
 from optolever import InputError
 from optolever.numbers import listed
-from optolever.quantities import quantity, two_digits
+from optolever.quantities import by_parts, quantity, two_digits
 
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
 from .options import Json, blame
@@ -24,17 +24,19 @@ if TYPE_CHECKING:
 
 SAMPLE = """
 $ optolever form measured/h.npz --remove sphere
-Form of measured/h.npz: sphere; x, y from the middle (77.3119, 55.978) mm
-number    value ± sigma     noise  rig
-vertex_x  −0.9 ± 1.7        0.46   1.7
-vertex_y  2.1 ± 2.5         0.58   2.4
-vertex_z  0.002464          -      0.0013
-radius    −970000 ± 420000  10000  420000
+Form of measured/h.npz: sphere; x, y from the middle (77.3122, 55.4159) mm
+number    value ± noise    ± rig
+vertex_x  −0.880 ± 0.46    1.7
+vertex_y  3.27 ± 0.59      2.6
+vertex_z  0.002410         0.0013
+radius    −990000 ± 11000  440000
 Residual
-  heights      0.560 ± 0.018 µm rms; without its noise 0.560 ± 0.018 µm
-  PV           2.66 ± 0.22 µm; PVr 2.57 ± 0.22 µm
-  slope error  39.2 ± 1.1 µrad rms along x, 30.9 ± 1.1 µrad along y; with its
-               noise 44.66 µrad, 40.83 µrad
+  heights      0.5571 µm rms ± 5.9 nm noise, ± 17 nm rig; without its noise
+               0.5545 µm
+  PV           2.89 µm ± 120 nm noise, ± 180 nm rig; PVr 2.803 µm
+  slope error  39.47 µrad rms along x ± 0.41 µrad noise, ± 0.97 µrad rig; 30.48
+               µrad along y ± 0.47 µrad noise, ± 0.95 µrad rig; with its noise
+               44.84 µrad, 40.49 µrad
   left out     the outermost ring of good pixels, whose centres may see no
                mirror
 """
@@ -134,8 +136,8 @@ def command(
         profiles = {line: ol.metrology.profile_of(fit, line) for line in asked}
         spectra = {axis: ol.metrology.spectrum(fit.grid(), axis) for axis in ("xy" if psd_path else "")}
     along_x, along_y = ol.metrology.slope_errors(fit)
-    known = {"rms": (fit.rms, fit.rms_sigma), "pv": (fit.pv, fit.pv_sigma), "pvr": (fit.pvr, fit.pv_sigma)}
-    known |= {"slope_x": along_x.known, "slope_y": along_y.known}
+    known = {"rms": (fit.rms, *fit.rms_sigmas(fit.rms)), "pv": (fit.pv, *fit.pv_sigmas)}
+    known |= {"pvr": (fit.pvr, *fit.pv_sigmas), "slope_x": along_x.known, "slope_y": along_y.known}
     if inside is not None and (inside | ~height.good).all():
         print_notices([f"--aperture {' '.join(apertures)}: contains every good pixel, nothing is left out"])
     verdicts = [ol.metrology.judge(limit, known) for limit in limits]
@@ -159,11 +161,11 @@ def command(
         circle = "circle of radius {:.6g} mm about ({:.6g}, {:.6g}) mm".format(terms.radius, *terms.middle)
         title = f"Zernike terms of the residual, µm, {what}, {circle}"
         _fitted(title, terms.listed(index, norm == "amplitude"), 1e3)
-    _residual(fit, along_x, along_y, waves, shape)
+    _residual(fit, known, along_x, along_y, waves, shape)
     if profiles:
         table("Profiles of the residual", {name: _profile(one) for name, one in profiles.items()})
     if verdicts:
-        table("Limits", {one.name: f"{one.verdict}: {_against(one)}" for one in verdicts})
+        table("Limits", {one.name: f"{one.verdict}: {_against(one, known[one.name])}" for one in verdicts})
     return 1 if any(one.verdict == "fail" for one in verdicts) else 0
 
 
@@ -231,29 +233,30 @@ def _numbers(
 
 def _residual(
     fit: "ol.metrology.FormFit",
+    known: "Mapping[str, tuple[float, float, float]]",
     along_x: "ol.metrology.SlopeError",
     along_y: "ol.metrology.SlopeError",
     waves: float | None,
     shape: "_Shape",
 ) -> None:
     """Heights, PV, slope errors and the wavefront of the residual."""
-    less = quantity(fit.rms_less_noise, "mm", fit.less_noise_sigma, fit.rms)
-    less = f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""
-    x_text, y_text = (_slope(*each.known) for each in (along_x, along_y))
-    with_noise = ""
-    if isfinite(along_x.less_noise):
-        with_noise = f"; with its noise {_slope(along_x.rms)}, {_slope(along_y.rms)}"
+    less = quantity(fit.rms_less_noise, "mm", size=fit.rms)
+    rms, pv, slope_x, slope_y = (known[name] for name in ("rms", "pv", "slope_x", "slope_y"))
     residual = {
-        "heights": f"{quantity(fit.rms, 'mm', fit.rms_sigma)} rms{less}",
-        "PV": f"{quantity(fit.pv, 'mm', fit.pv_sigma)}; PVr {quantity(fit.pvr, 'mm', fit.pv_sigma, fit.pv)}",
-        "slope error": f"{x_text} rms along x, {y_text} along y{with_noise}",
-        "left out": "the outermost ring of good pixels, whose centres may see no mirror",
+        "heights": by_parts(rms, "mm", "rms")
+        + (f"; without its noise {less}" if isfinite(fit.rms_less_noise) else ""),
+        "PV": f"{by_parts(pv, 'mm')}; PVr {quantity(fit.pvr, 'mm', size=fit.pv)}",
+        "slope error": f"{_slope(slope_x, 'rms along x')}; {_slope(slope_y, 'along y')}",
     }
+    if isfinite(along_x.less_noise):
+        residual["slope error"] += (
+            f"; with its noise {quantity(1e6 * along_x.rms, 'µrad')}, {quantity(1e6 * along_y.rms, 'µrad')}"
+        )
+    residual["left out"] = "the outermost ring of good pixels, whose centres may see no mirror"
     if waves is not None:
-        known = (fit.rms, fit.rms_sigma), (fit.pv, fit.pv_sigma)
-        scaled = ([ol.metrology.in_waves(each, waves) for each in one] for one in known)
-        rms, pv = (quantity(value, "", sigma) for value, sigma in scaled)
-        residual["wavefront"] = f"{rms} waves rms, PV {pv} waves of {waves:g} nm, twice the surface"
+        scaled = ([ol.metrology.in_waves(each, waves) for each in one] for one in (rms, pv))
+        texts = [by_parts(one, "waves") for one in scaled]
+        residual["wavefront"] = f"rms {texts[0]}; PV {texts[1]}; of {waves:g} nm, twice the surface"
     table("Residual" + "".join(f", {text}" for text in shape.texts()), residual)
 
 
@@ -337,16 +340,15 @@ def _runs(
     return 0
 
 
-def _against(one: "ol.metrology.Verdict") -> str:
+def _against(one: "ol.metrology.Verdict", known: tuple[float, float, float]) -> str:
     """A figure and its limit."""
-    unknown = "" if isfinite(one.sigma) else "noise unknown, "
     if one.name.startswith("slope"):
-        return f"{unknown}{_slope(one.value, one.sigma)}, at most {_slope(one.limit)}"
-    return f"{unknown}{quantity(one.value, 'mm', one.sigma)}, at most {quantity(one.limit, 'mm')}"
+        return f"{_slope(known)}, at most {quantity(1e6 * one.limit, 'µrad')}"
+    return f"{by_parts(known, 'mm')}, at most {quantity(one.limit, 'mm')}"
 
 
-def _slope(value: float, sigma: float = nan) -> str:
-    return quantity(1e6 * value, "µrad", 1e6 * sigma)
+def _slope(known: tuple[float, float, float], what: str = "") -> str:
+    return by_parts([1e6 * each for each in known], "µrad", what)
 
 
 def _points(record: "ol.metrology.Profile | ol.metrology.Spectrum") -> Iterator[tuple[float, ...]]:
@@ -355,12 +357,10 @@ def _points(record: "ol.metrology.Profile | ol.metrology.Spectrum") -> Iterator[
 
 
 def _fitted(title: str, numbers: "ol.metrology.Numbers", factor: float = 1.0) -> None:
-    """Parameters with sigma and its parts; a dash where one is unknown."""
-    rows = [
-        [name, quantity(factor * each["value"], "", factor * each["sigma"])]
-        + [two_digits(factor * each[key]) if isfinite(each[key]) else "-" for key in ("noise", "rig")]
-        if not isinf(each["sigma"])
-        else [name, "undetermined", "-", "-"]
-        for name, each in numbers.to_dict().items()
-    ]
-    grid(title, ("number", "value ± sigma", "noise", "rig"), rows)
+    """Parameters with standard deviations by noise and by the rig; a dash where one is unknown."""
+    rows = []
+    for name, each in numbers.to_dict().items():
+        value, noise, rig = (factor * each[part] for part in ("value", "noise", "rig"))
+        text = "undetermined" if isinf(each["sigma"]) else quantity(value, "", noise)
+        rows.append([name, text, two_digits(rig)])
+    grid(title, ("number", "value ± noise", "± rig"), rows)

@@ -34,7 +34,7 @@ Measured in press1
   frames  20 in 0.1069 s
   good    97.15 % of the pixels
   height  −150 nm to 0.3 mm
-  sigma   ± 42 nm noise ± 0.38 mm rig (medians)
+  sigma   ± 42 nm noise, ± 0.38 mm rig (medians)
   report  press1/report.html
 """
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import optolever as ol
 from optolever.errors import InputError
 from optolever.quantities import length as length
+from optolever.quantities import noise_and_rig as noise_and_rig
 from optolever.quantities import number as number
 from optolever.quantities import quantity as quantity
 from optolever.quantities import two_digits
@@ -60,11 +61,6 @@ def coverage_text(mirror: float, good: float) -> str:
     if mirror == 0:
         return "no pixel sees the patterns change"
     return f"the mirror fills {100 * mirror:.1f} % of the image; {100 * good:.1f} % of it decoded"
-
-
-def noise_and_rig(noise: float, rig: float) -> str:
-    """Standard deviations (mm) by noise and by the errors of the rig; 0: an exact scene."""
-    return f"± {length(noise)} noise" + (f" ± {length(rig)} rig" if rig > 0 else "")
 
 
 def contact_rows(

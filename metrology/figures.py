@@ -1,6 +1,7 @@
 """Figures of a surface's residual: rms less its noise, PVr; limits in the sense of ISO 14253-1."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,9 +58,9 @@ class Verdict:
     verdict: str
 
 
-def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
+def judge(limit: str, figures: Mapping[str, tuple[float, ...]]) -> Verdict:
     """The verdict on NAME=LIMIT (a length such as 50nm, a slope such as 20urad) by the figures' values and
-    sigmas. InputError for an unknown name or unit.
+    standard deviations, which add in square. InputError for an unknown name or unit.
 
     With an uncertainty the conforming zone ends two sigma below the limit (ISO 14253-1).
     """
@@ -75,7 +76,8 @@ def judge(limit: str, figures: dict[str, tuple[float, float]]) -> Verdict:
         ) from None
     if not most > 0:
         raise InputError(f"limit {limit!r}: must be above 0; it holds for magnitudes, such as {name}=4um")
-    value, sigma = figures[name]
+    value, *sigmas = figures[name]
+    sigma = math.hypot(*sigmas)
     band = _COVERAGE * sigma
     verdict = "pass" if value + band <= most else "fail" if value - band > most else "undecided"
     return Verdict(name, value, sigma, most, verdict)

@@ -52,15 +52,16 @@ def gaussian_filter(fit: FormFit, cutoff: float, kept: Literal["low", "high"]) -
     left = residual[there] - residual[there].mean()
     variance, trace = _kept_noise(passed, grid)
     linear = 4 * float(kept_variance(passed, left[:, None] / len(left))[0])
-    square = mean_square_variance(linear, trace)
+    square, by_rig = mean_square_variance(linear, trace), 0.0
     rig = np.where(there, 0.0, np.nan)
     if fit.modes is not None:
         bent = (replace(fit, residual=np.where(there, mode, np.nan)) for mode in fit.modes)
         modes = np.stack([kept_of(one.residual, one.grid(grid.pitch).z) for one in bent])
         rig = np.sqrt(np.sum(modes**2, axis=0))
-        square += modes_variance(modes[:, there], left)
+        by_rig = modes_variance(modes[:, there], left)
         kept_modes = np.asarray(modes, np.float32)
-    return replace(passed, noise=np.sqrt(variance), rig=rig, variance=square, trace=trace, modes=kept_modes)
+    both = square, by_rig
+    return replace(passed, noise=np.sqrt(variance), rig=rig, variance=both, trace=trace, modes=kept_modes)
 
 
 def kept_variance(fit: FormFit, weights: Floats) -> Floats:

@@ -61,12 +61,12 @@ class FormFit:
     form, mm in the mirror's frame.
 
     noise, rig (H, W): standard deviations of the residual by the slopes' noise (NaN: unknown) and by the
-    errors of the rig, mm, each less its part in the form; variance: of the residual's mean square, by both,
-    mm^4; step_variance: mean variance of an increment from pixel to pixel by noise, mm^2; trace: variance of
-    the mean square of the noise, mm^4; modes (r, H, W): height errors by the rig less their part in the form,
-    mm; basis (n, k): orthonormal heights of the n known pixels, which span the form's changes and a piston;
-    slope_noise: of the map (None: unknown); passes: cutoff (mm) and 'low' or 'high' of each filter that was
-    applied."""
+    errors of the rig, mm, each less its part in the form; variance: of the residual's mean square, by noise
+    and rig, mm^4; step_variance: mean variance of an increment from pixel to pixel by noise, mm^2; trace:
+    variance of the mean square of the noise, mm^4; modes (r, H, W): height errors by the rig less their part
+    in the form, mm; basis (n, k): orthonormal heights of the n known pixels, which span the form's changes
+    and a piston; slope_noise: of the map (None: unknown); passes: cutoff (mm) and 'low' or 'high' of each
+    filter that was applied."""
 
     form: str
     numbers: Numbers
@@ -77,7 +77,7 @@ class FormFit:
     middle: tuple[float, float]
     noise: Floats
     rig: Floats
-    variance: float
+    variance: tuple[float, float]
     step_variance: float
     trace: float
     modes: NDArray[np.float32] | None
@@ -96,15 +96,10 @@ class FormFit:
         known = self.noise[np.isfinite(self.residual)]
         return rms_less_noise(self.rms, float(np.sqrt(np.mean(known**2))))
 
-    @property
-    def rms_sigma(self) -> float:
-        """Standard deviation of rms, mm, by noise and rig (NaN: unknown)."""
-        return root_sigma(self.rms, self.variance)
-
-    @property
-    def less_noise_sigma(self) -> float:
-        """Standard deviation of rms_less_noise, mm."""
-        return root_sigma(self.rms_less_noise, self.variance)
+    def rms_sigmas(self, rms: float) -> tuple[float, float]:
+        """Standard deviations of rms or rms_less_noise, mm, by noise (NaN: unknown) and rig."""
+        noise, rig = (root_sigma(rms, each) for each in self.variance)
+        return noise, rig
 
     @property
     def pvr(self) -> float:
@@ -113,10 +108,12 @@ class FormFit:
         return pvr(self.x[known], self.y[known], self.residual[known])
 
     @property
-    def pv_sigma(self) -> float:
-        """Standard deviation of pv, mm: of the highest and the lowest pixel; of pvr, a bound."""
-        ends = [part.ravel() for part in (self.residual, self.sigma)]
-        return float(np.hypot(ends[1][np.nanargmax(ends[0])], ends[1][np.nanargmin(ends[0])]))
+    def pv_sigmas(self) -> tuple[float, float]:
+        """Standard deviations of pv, mm, by noise and rig: of the highest and the lowest pixel; of pvr, a
+        bound."""
+        ends = [np.nanargmax(self.residual), np.nanargmin(self.residual)]
+        noise, rig = (float(np.hypot(*part.ravel()[ends])) for part in (self.noise, self.rig))
+        return noise, rig
 
     @property
     def rms(self) -> float:
@@ -142,10 +139,13 @@ class FormFit:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without the maps."""
         numbers = {"numbers": self.numbers.to_dict(), "held": self.held, "middle_mm": self.middle}
-        figures: dict[str, Any] = {"rms_mm": self.rms, "rms_sigma_mm": self.rms_sigma, "pv_mm": self.pv}
-        figures |= {"pv_sigma_mm": self.pv_sigma, "rms_less_noise_mm": self.rms_less_noise}
-        figures |= {"rms_less_noise_sigma_mm": self.less_noise_sigma}
-        figures |= {"pvr_mm": self.pvr, "slope_rms": self.slope_rms}
+        rms, less = self.rms, self.rms_less_noise
+        known = {"rms": (rms, *self.rms_sigmas(rms)), "rms_less_noise": (less, *self.rms_sigmas(less))}
+        known |= {"pv": (self.pv, *self.pv_sigmas)}
+        figures: dict[str, Any] = {"pvr_mm": self.pvr, "slope_rms": self.slope_rms}
+        for name, (value, noise, rig) in known.items():
+            figures |= {f"{name}_mm": value, f"{name}_sigma_mm": float(np.hypot(noise, rig))}
+            figures |= {f"{name}_noise_mm": noise, f"{name}_rig_mm": rig}
         return {"form": self.form} | numbers | figures
 
     def deviation(self, height: HeightMap) -> HeightMap:
@@ -211,13 +211,16 @@ def leftovers(
     y: Floats,
     good: NDArray[np.bool_],
     slopes: SlopeMap | None,
-) -> tuple[Floats, Floats, float, float, float, NDArray[np.float32] | None, Floats, SlopeNoise | None]:
+) -> tuple[
+    Floats, Floats, tuple[float, float], float, float, NDArray[np.float32] | None, Floats, SlopeNoise | None
+]:  # fmt: skip
     """Fields of a FormFit with this residual (H, W), from noise to slope_noise.
 
     basis (n, k): the derivatives of the height by its free parameters."""
     noise, rig = (np.full(good.shape, np.nan) for _ in range(2))
-    left, own, square, kept = residual[good], slope_noise(height, slopes), 0.0, None
-    step = trace = np.nan
+    left, own, kept = residual[good], slope_noise(height, slopes), None
+    step = trace = square = np.nan
+    by_rig = 0.0
     if own is not None:
         found = residual_noise(basis, x, y, good, own)
         noise[good], step = found.sigma, found.step_variance
@@ -228,10 +231,10 @@ def leftovers(
         bent = np.nan_to_num(modes[:, good].astype(np.float64))
         bent -= (bent @ q) @ q.T
         rig[good] = np.sqrt(np.sum(bent**2, axis=0))
-        square += modes_variance(bent, left)
+        by_rig = modes_variance(bent, left)
         kept = np.full((len(bent), *good.shape), np.nan, np.float32)
         kept[:, good] = bent
-    return noise, rig, np.nan if own is None else square, step, trace, kept, q, own
+    return noise, rig, (square, by_rig), step, trace, kept, q, own
 
 
 def placed(

@@ -25,16 +25,23 @@ __all__ = ["SlopeError", "slope_errors"]
 @dataclass(frozen=True, slots=True)
 class SlopeError:
     """Of the slopes of a residual along an axis, mm per mm: rms as measured; less_noise: of the surface
-    alone, and its sigma by noise and rig (NaN: the noise is unknown)."""
+    alone, and its standard deviations by noise and rig (NaN: the noise is unknown)."""
 
     rms: float
     less_noise: float = math.nan
-    sigma: float = math.nan
+    noise: float = math.nan
+    rig: float = math.nan
 
     @property
-    def known(self) -> tuple[float, float]:
-        """The value to judge, with its sigma: less its noise, where that is known."""
-        return (self.less_noise if math.isfinite(self.less_noise) else self.rms), self.sigma
+    def sigma(self) -> float:
+        """Noise and rig combined."""
+        return math.hypot(self.noise, self.rig)
+
+    @property
+    def known(self) -> tuple[float, float, float]:
+        """The value to judge, by noise and rig: less its noise, where that is known."""
+        value = self.less_noise if math.isfinite(self.less_noise) else self.rms
+        return value, self.noise, self.rig
 
 
 def slope_errors(fit: FormFit) -> tuple[SlopeError, SlopeError]:
@@ -57,11 +64,9 @@ def _one(slope: Floats, spectrum: Floats, modes: tuple[Floats, ...]) -> SlopeErr
     waves = np.abs(np.fft.fft2(np.where(there, slope, 0.0))) ** 2
     linear = 4 * float(np.mean(waves * spectrum)) / count**2
     square = mean_square_variance(linear, 2 * float(np.mean(spectrum**2)) / count)
-    if modes:
-        bent = np.nan_to_num(np.stack([mode[there] for mode in modes]))
-        square += modes_variance(bent, values)
+    bent = np.reshape([np.nan_to_num(mode[there]) for mode in modes], (len(modes), count))
     less = rms_less_noise(rms, noise)
-    return SlopeError(rms, less, root_sigma(less, square))
+    return SlopeError(rms, less, root_sigma(less, square), root_sigma(less, modes_variance(bent, values)))
 
 
 def _difference_noise(fit: FormFit, noise: SlopeNoise) -> tuple[Floats, Floats]:

@@ -1,8 +1,9 @@
 """Numbers with units as text, of pages and of the program."""
 
 import math
+from collections.abc import Sequence
 
-__all__ = ["length", "length_unit", "number", "quantity", "two_digits"]
+__all__ = ["by_parts", "length", "length_unit", "noise_and_rig", "number", "quantity", "two_digits"]
 
 
 def length_unit(size: float) -> tuple[float, str]:
@@ -13,8 +14,9 @@ def length_unit(size: float) -> tuple[float, str]:
 
 
 def quantity(value: float, unit: str = "", sigma: float = math.nan, size: float = 0.0) -> str:
-    """A number for reading: as many digits as its sigma leaves two of, four without one; lengths (mm) in the
-    unit in which they read well (or `size`, of a number beside it), shares (unit %) in per cent.
+    """A number for reading: as many digits as its sigma leaves two of, but three of its own above a
+    thousandth of that; four without a sigma. Lengths (mm) come in the unit in which they read well (or
+    `size`, of a number beside it), shares (unit %) in per cent.
 
     >>> quantity(4000.5961, "mm", 0.0023)
     '4000.5961 ± 0.0023 mm'
@@ -22,9 +24,40 @@ def quantity(value: float, unit: str = "", sigma: float = math.nan, size: float 
     ('0.4600 µm', '98.77 %', '12.3000 ± 0.0025 µm')
     >>> quantity(9.98e-5, "mm", 1.2e-6, size=1.01e-4)
     '0.0998 ± 0.0012 µm'
+    >>> quantity(3.04e-4, "mm", 0.022)
+    '0.304 ± 22 µm'
     """
     if not math.isfinite(value):
         return "–"
+    number, spread, unit = _rounded(value, unit, sigma, size)
+    return f"{number}{spread and f' ± {spread}'} {unit}".rstrip()
+
+
+def by_parts(known: Sequence[float], unit: str = "", what: str = "") -> str:
+    """A value, its standard deviations by noise (NaN: unknown) and by the rig: rounded by the noise, both
+    apart; what: the value is.
+
+    >>> by_parts((6.5e-4, 2e-5, 0.037), "mm", "rms")
+    '0.650 µm rms ± 20 nm noise, ± 37 µm rig'
+    """
+    value, noise, rig = known
+    if not math.isfinite(value):
+        return "–"
+    text, _, name = _rounded(value, unit, noise if noise > 0 else rig, 0.0)
+    return " ".join(part for part in (text, name, what, noise_and_rig(noise, rig, unit)) if part)
+
+
+def noise_and_rig(noise: float, rig: float, unit: str = "mm") -> str:
+    """Standard deviations by noise (NaN: unknown) and by the errors of the rig; 0: an exact scene."""
+
+    def text(sigma: float) -> str:
+        return length(sigma) if unit == "mm" or math.isnan(sigma) else f"{two_digits(sigma)} {unit}".rstrip()
+
+    return f"± {text(noise)} noise" + (f", ± {text(rig)} rig" if rig > 0 else "")
+
+
+def _rounded(value: float, unit: str, sigma: float, size: float) -> tuple[str, str, str]:
+    """The number, its standard deviation (empty: unknown) and the unit as text."""
     factor = 1.0
     if unit == "%":
         factor = 100.0
@@ -32,16 +65,15 @@ def quantity(value: float, unit: str = "", sigma: float = math.nan, size: float 
         factor, unit = length_unit(size or value or sigma)
     value, sigma = factor * value, factor * sigma
     if not (math.isfinite(sigma) and sigma > 0):
-        text = _plain(value)
-    else:
-        digits = 1 - math.floor(math.log10(float(f"{sigma:.1e}")))
-        places = max(digits, 0)
-        rounded = round(value, digits) + 0.0  # no minus zero
-        if digits > 9 or digits < -4:
-            text = f"{_plain(value)} ± {_plain(float(f'{sigma:.1e}'))}"
-        else:
-            text = f"{rounded:.{places}f} ± {float(f'{sigma:.1e}'):.{places}f}"
-    return f"{text} {unit}".rstrip().replace("-", "−")
+        return _plain(value).replace("-", "−"), "", unit
+    sigma = float(f"{sigma:.1e}")
+    places = 1 - math.floor(math.log10(sigma))
+    if not -4 <= places <= 9:
+        return _plain(value).replace("-", "−"), _plain(sigma), unit
+    own = 2 - math.floor(math.log10(abs(value))) if value else places
+    digits = max(places, min(own, places + 3))
+    rounded = round(value, digits) + 0.0  # no minus zero
+    return f"{rounded:.{max(digits, 0)}f}".replace("-", "−"), f"{sigma:.{max(places, 0)}f}", unit
 
 
 def number(value: float, unit: str = "") -> str:
@@ -74,6 +106,8 @@ def two_digits(value: float) -> str:
     >>> two_digits(760.4), two_digits(0.0123), two_digits(6.3e-5)
     ('760', '0.012', '6.3 × 10⁻⁵')
     """
+    if not math.isfinite(value):
+        return "-"
     value = float(f"{value:.1e}")
     if value and not 1e-4 <= abs(value) < 1e7:
         return _power(value, 1).replace("-", "−")

@@ -77,21 +77,22 @@ def _contact_cards(contact: Contact, figures: Figures) -> list[Card]:
 def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Card]:
     show, found = figures.show, list[Card]()
     says = f"of the height less the {fit.form}, about its mean"
-    value = show("deviation rms", fit.rms, "mm", fit.rms_sigma)
-    if math.isfinite(fit.rms_less_noise):
-        less = show("deviation rms less noise", fit.rms_less_noise, "mm", fit.less_noise_sigma)
-        says = Markup("{}; without its noise {}").format(says, less)
+    sigmas = fit.rms_sigmas(fit.rms)
+    value = show("deviation rms", fit.rms, "mm", math.hypot(*sigmas))
+    if math.isfinite(sigmas[0]):
+        less = show("deviation rms less noise", fit.rms_less_noise, "mm", sigmas[0])
+        says = Markup("{}; without its noise, ± by noise alone, {}").format(says, less)
     found.append(("deviation_rms", "Deviation, rms", value, says))
     value, robust = (
-        show(f"deviation {name}", each, "mm", fit.pv_sigma)
+        show(f"deviation {name}", each, "mm", math.hypot(*fit.pv_sigmas))
         for name, each in (("pv", fit.pv), ("pvr", fit.pvr))
     )
     says = Markup("of good pixels; PVr {}").format(robust)
     found.append(("deviation_pv", "Deviation, peak to valley", value, says))
     if waves is not None:
         rms, pv = (
-            show(f"wavefront {name}", in_waves(each, waves), "waves", in_waves(sigma, waves))
-            for name, each, sigma in (("rms", fit.rms, fit.rms_sigma), ("pv", fit.pv, fit.pv_sigma))
+            show(f"wavefront {name}", in_waves(each, waves), "waves", in_waves(math.hypot(*by), waves))
+            for name, each, by in (("rms", fit.rms, sigmas), ("pv", fit.pv, fit.pv_sigmas))
         )
         says = Markup("peak to valley {}; of {} nm, twice the deviation").format(pv, f"{waves:g}")
         found.append(("wavefront", "Reflected wavefront, rms", rms, says))
@@ -103,7 +104,7 @@ def _form_cards(fit: FormFit, figures: Figures, waves: float | None) -> list[Car
             found.append((name, f"{name} of the {fit.form}".capitalize(), value, says))
     along = dict(zip("xy", slope_errors(fit), strict=True))
     along_x, along_y = (
-        show(f"slope error {axis}", 1e6 * one.known[0], "µrad", 1e6 * one.known[1])
+        show(f"slope error {axis}", 1e6 * one.known[0], "µrad", 1e6 * one.sigma)
         for axis, one in along.items()
     )
     noise = "less noise" if math.isfinite(along["x"].sigma) else "noise unknown"
@@ -144,20 +145,16 @@ def form_table(fit: FormFit, figures: Figures) -> Table:
     rows: list[list[str]] = []
     for name, each in fit.numbers.to_dict().items():
         label, unit = f"{fit.form} {name}", "mm" if name.startswith("vertex") else _UNITS.get(name, "")
-        parts = [
-            figures.show(f"{label} {part}", each[part], unit) if np.isfinite(each[part]) else "–"
-            for part in ("noise", "rig")
-        ]
-        rows.append([name, figures.show(label, each["value"], unit, each["sigma"]), *parts])
-    rows += [[name, f"{value:g}, given", "", ""] for name, value in fit.held.items()]
-    return Table("form-table", ("number", "value ± sigma", "by noise", "by the rig"), rows)
+        rows.append([name, figures.show(label, each["value"], unit, each["noise"], each["rig"])])
+    rows += [[name, f"{value:g}, given"] for name, value in fit.held.items()]
+    return Table("form-table", ("number", "value ± sigma"), rows)
 
 
 def terms_table(terms: ZernikeFit, figures: Figures) -> Table:
     """Coefficients of Zernike terms."""
     listed = terms.listed()
-    numbers = zip(listed.names, listed.values, listed.sigma, strict=True)
-    rows = [[name, figures.show(name, value, "mm", sigma)] for name, value, sigma in numbers]
+    numbers = zip(listed.names, listed.values, listed.noise, listed.rig, strict=True)
+    rows = [[name, figures.show(name, value, "mm", *parts)] for name, value, *parts in numbers]
     return Table("zernike-table", ("term", "coefficient ± sigma"), rows)
 
 

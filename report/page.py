@@ -18,7 +18,7 @@ from markupsafe import Markup
 from optolever import __version__
 from optolever.charts import chart_file
 from optolever.files import atomic_file, write_rows
-from optolever.quantities import quantity, two_digits
+from optolever.quantities import by_parts, quantity, two_digits
 
 __all__ = ["Figures", "Table", "budget_table", "embedded_json", "write_page"]
 
@@ -46,10 +46,11 @@ class Figures:
 
     rows: dict[str, tuple[float, float, str]] = field(default_factory=dict)
 
-    def show(self, name: str, value: float, unit: str = "", sigma: float = math.nan) -> Markup:
-        """The number as an element of the page; the file gets it by this name."""
-        self.rows[name] = float(value), float(sigma), unit
-        text = quantity(value, unit, sigma)
+    def show(self, name: str, value: float, unit: str = "", *sigma: float) -> Markup:
+        """The number as an element of the page; the file gets it by this name. sigma: standard deviation, or
+        those by noise and by the rig, which add in square."""
+        self.rows[name] = float(value), math.hypot(*sigma) if sigma else math.nan, unit
+        text = by_parts((value, *sigma), unit) if len(sigma) == 2 else quantity(value, unit, *sigma)
         return Markup('<span class="figure" data-figure="{}">{}</span>').format(name, text)
 
     def save(self, path: str | Path) -> None:

@@ -94,9 +94,10 @@ def test_residual_and_radius_of_the_facet(tmp_path: Path, capfd: pytest.CaptureF
     assert found["rms_less_noise_mm"] < found["rms_mm"]
     printed = capfd.readouterr().out
     assert "µrad rms along x" in printed
-    raw, less = re.findall(
-        r"([0-9.]+) ± [0-9.]+ µm", next(line for line in printed.splitlines() if "heights" in line)
-    )
+    said = re.search(r"heights (\S+) µm rms ± .*?; without its noise (\S+)", " ".join(printed.split()))
+    assert said
+    raw, less = said.groups()
+    assert float(raw) == pytest.approx(1e3 * rms, rel=0.01)
     assert 0 <= float(raw) - float(less) < 0.01 * float(raw)
     assert run(["form", str(tmp_path / "h.npz"), "--remove", "sphere:radius=4"]) == 0  # m, not mm
     assert "sphere:radius=4: leaves" in capfd.readouterr().err

@@ -230,7 +230,7 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
     assert part["limits"]["rms"]["verdict"] == "pass"
     capfd.readouterr()
     assert run(["form", "plain.npz", "--remove", "power", "--limit", "pv=1nm"]) == 0
-    assert "pv  undecided: noise unknown" in capfd.readouterr().out
+    assert "± unknown noise, at most" in capfd.readouterr().out
     assert part["rms_mm"] < whole["rms_mm"]
     high, low = (figures(f"--{name}pass", "30")["rms_mm"] for name in ("high", "low"))
     assert high < whole["rms_mm"]

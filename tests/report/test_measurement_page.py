@@ -84,6 +84,14 @@ def shown_number(text: str) -> tuple[float, float, float]:
     """A number as a page prints it: value, half a unit of its last digit, sigma (NaN: none); lengths in
     mm."""
     text = text.replace("−", "-").translate(POWERS).replace(" × 10", "e")
+    if "± " in text and text.endswith((" noise", " rig")):  # apart
+        value, *parts = re.split(r" ± | noise(?:, ± )?| rig", text)
+        number, last, _ = shown_number(value)
+        return (
+            number,
+            last,
+            float(np.hypot(*[np.nan if one == "unknown" else shown_number(one)[0] for one in parts if one])),
+        )
     match = re.fullmatch(r"(-?[\d.]+(?:e-?\d+)?)(?: ± ([\d.]+(?:e-?\d+)?))? ?(.*)", text)
     assert match, text
     digits, _, power = match[1].partition("e")
