@@ -21,7 +21,7 @@ from ..correspondence import Correspondence, Flag
 from ..frames import Light
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Code, Plan, plan
-from .blocks import Fits, blocks_of, cut, fits_of, places, word_places
+from .blocks import Fits, Words, blocks_of, cut, fits_of, places, quantile, words_of
 from .too_few import few_good
 from .windows import EVERY, around, contradictions, residual_windows, spread, typical
 
@@ -69,12 +69,11 @@ class Verdict(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """Blocks of the frames as linear levels (N, B, side, side), their fringes, and the median of these mean
-    levels (None: of less than two); samples that are not saturated; pixels (B, side, side) of enough
-    contrast; first pixels (B, 2)."""
+    """Of blocks of the frames (B, side, side): fringes and words, and the median of the fringes' mean levels
+    (None: of less than two); samples (N, B, side, side) that are not saturated; pixels of enough contrast."""
 
-    levels: F32
     fits: Fits
+    words: dict[str, Words]
     usual: F32 | None
     whole: Mask
     lit: Mask
@@ -155,16 +154,19 @@ def _residuals(given: Decoded, known: Plan) -> F32:
 
 
 def _seen(given: Decoded, at: I64, known: Plan) -> _Seen:
-    levels = given.light.linear(cut(given.light.raw, at))
-    whole = np.isfinite(levels)
-    levels = np.where(whole, levels, np.float32(given.light.white))
+    raw, light = cut(given.light.raw, at), given.light
+    whole = raw < light.clip
+    levels = light.table[raw] if len(light.table) else raw.astype(np.float32)
+    if not whole.all():
+        levels[~whole] = light.white
     if given.matrix is not None:
         levels = np.tensordot(given.matrix.astype(np.float32), levels, 1)
     dark = cut(given.found.flags, at) & (Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID)
     fits = fits_of(levels, known)
-    every = [fit.offset for some in fits.values() for fit in some if fit is not None]
-    usual = np.median(every, axis=0) if len(every) > 1 else None
-    return _Seen(levels, fits, usual, whole, dark == 0, known, given.found)
+    every = np.sort([fit.offset for some in fits.values() for fit in some if fit is not None], axis=0)
+    half = len(every) // 2
+    usual = 0.5 * (every[half] + every[-half - 1]) if len(every) > 1 else None
+    return _Seen(fits, words_of(levels, known, fits), usual, whole, dark == 0, known, given.found)
 
 
 def _unplaced(seen: _Seen, axis: AxisPlan) -> float:
@@ -172,7 +174,8 @@ def _unplaced(seen: _Seen, axis: AxisPlan) -> float:
     absolute = axis.code is not None or bool(axis.fringes and axis.fringes[0].period >= axis.extent)
     if axis.looked_up or not absolute or seen.lit[:, 1:-1, 1:-1].sum() < _FEWEST:
         return float("nan")
-    return 1 - float(places(seen.levels, axis, seen.plan, seen.fits, lit=seen.lit)[0])
+    words = seen.words.get(axis.axis)
+    return 1 - float(places(seen.lit.shape, axis, words, seen.fits, seen.lit)[0])
 
 
 def _mean_levels(seen: _Seen, axis: AxisPlan) -> float:
@@ -181,7 +184,7 @@ def _mean_levels(seen: _Seen, axis: AxisPlan) -> float:
     worst = float("nan")
     for fringe, fit in zip(axis.fringes, seen.fits[axis.axis], strict=False):
         if fit is not None and seen.usual is not None:
-            use = fit.amplitude > _BRIGHT * np.quantile(fit.amplitude, 0.9)
+            use = fit.amplitude > _BRIGHT * quantile(fit.amplitude, 0.9)
             use &= seen.whole[list(fringe.index)].all(axis=0)
             off = np.asarray((fit.offset - seen.usual) / fit.amplitude, np.float32)
             worst = float(np.fmax(worst, _harmonic(off[use], fit.phase[use])))
@@ -191,7 +194,7 @@ def _mean_levels(seen: _Seen, axis: AxisPlan) -> float:
 def _harmonic(off: F32, turn: F32) -> float:
     """Size of constant and first harmonic in deviations (K,) at phases (K,), of the constant where these fill
     no turn."""
-    usual = np.abs(off) <= _PART * np.quantile(np.abs(off), 0.75) if off.size else np.zeros(0, np.bool_)
+    usual = np.abs(off) <= _PART * quantile(np.abs(off), 0.75) if off.size else np.zeros(0, np.bool_)
     if np.count_nonzero(usual) < _FEWEST:
         return float("nan")
     angle = np.float32(2 * np.pi) * turn[usual]
@@ -203,8 +206,7 @@ def _harmonic(off: F32, turn: F32) -> float:
 
 def _cells(seen: _Seen, axis: AxisPlan, code: Code, fine: int) -> I64:
     """Cells, without their last binary digits, of pixels (B, side, side); -1: in doubt."""
-    fits = [fit for fit in seen.fits[axis.axis] if fit is not None]
-    middle, width, decided = word_places(seen.levels, code, seen.plan, fits)
+    middle, width, decided = seen.words[axis.axis]
     cell = np.rint((middle[0] - code.origin - 0.5 * (width - 1)) / code.cell).astype(np.int64) >> fine
     return np.where(decided & seen.lit & (width <= 1.01 * 2**fine * code.cell), cell, -1)
 
@@ -222,13 +224,18 @@ def _words(seen: _Seen, axis: AxisPlan) -> float:
     code, fit = axis.code, next((one for one in seen.fits[axis.axis] if one is not None), None)
     if code is None or fit is None:
         return float("nan")
-    (first, _, second), waves = _across(_cells(seen, axis, code, 0)), _across(np.exp(2j * np.pi * fit.phase))
-    edge = (np.minimum(first, second) >= 0) & (np.abs(first - second) == 1)
-    for wave in waves[::2]:
-        edge &= (wave * waves[1].conj()).real > 0  # the pixels resolve the fringe
-    end = np.maximum(first, second)[edge] * code.cell + code.origin - 0.5
-    off = waves[1][edge] * np.exp(-2j * np.pi * end / fit.period)
-    return float((off.real < 0).mean()) if off.size >= _PAIRS else float("nan")
+    first, _, second = _across(_cells(seen, axis, code, 0))
+    edge = np.flatnonzero((np.minimum(first, second) >= 0) & (np.abs(first - second) == 1))
+    turn, end = [one[edge] for one in _across(fit.phase)], np.maximum(first, second)[edge] * code.cell
+    resolved = np.maximum(_apart(turn[0], turn[1]), _apart(turn[2], turn[1])) < 0.25
+    off = _apart(turn[1], (end + (code.origin - 0.5)) / fit.period)[resolved]
+    return float((off > 0.25).mean()) if off.size >= _PAIRS else float("nan")
+
+
+def _apart(turn: F32, other: NDArray[Any]) -> NDArray[Any]:
+    """Distance of two phases, periods."""
+    off = turn - other
+    return np.asarray(np.abs(off - np.rint(off)))
 
 
 def _edges(seen: _Seen, axis: AxisPlan) -> float:
@@ -270,8 +277,11 @@ def _rough_share(found: Correspondence, axis: str, patches: int) -> float:
     use = good & (cv2.blur(good.astype(np.float32).reshape(rows), (5, 5)).reshape(shape) > 0.7)
     use[:, :2], use[:, -2:], use[..., :2], use[..., -2:] = False, False, False, False
     usual = cv2.medianBlur(place.astype(np.float32).reshape(rows), 5).reshape(shape)
-    steps = [np.median(np.abs(np.diff(usual, axis=way)), axis=(1, 2), keepdims=True) for way in (1, 2)]
-    off = np.abs(place - usual) > np.maximum(5 * sigma, np.maximum(2, 2 * np.maximum(*steps)))
+    away = np.abs(place - usual)
+    off = (away > np.maximum(5 * sigma, 2)) & use
+    for k in np.flatnonzero(off.any(axis=(1, 2))):  # few, in right captures
+        steps = [np.median(np.abs(np.diff(usual[k], axis=way))) for way in (0, 1)]
+        off[k] &= away[k] > 2 * max(steps)
     return float(off[use].mean()) if np.count_nonzero(use) >= _FEWEST else float("nan")
 
 

@@ -21,7 +21,7 @@ __all__ = ["few_good", "mirror_coverage"]
 #: Good share of the lit pixels below which a sentence says why, share off the pattern above which one does.
 _FEW, _OFF = 0.5, 1 / 6
 #: Pixels that are looked at: each so many-th of a row and of a column.
-_SEEN = 1 << 15
+_SEEN = 1 << 13
 #: Amplitude of the modulation over white from which on contrast is no cause, and the cure then (_OTHERWISE).
 _AMPLE = 0.1
 #: Range of a pixel's levels over white from which on light is no cause, and the cure then.

@@ -21,6 +21,7 @@ from ..codes.fringe import FringeTable, fit_row
 from ..correspondence import Flag
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
+from .blocks import quantile
 
 __all__ = ["EVERY", "around", "contradictions", "residual_windows", "spread", "typical"]
 
@@ -64,7 +65,7 @@ def spread(some: Mask, side: int, shape: tuple[int, ...]) -> Mask:
 
 def typical(values: F32) -> float:
     """Median of some of the values (K,)."""
-    return float(np.median(values[:: 1 + len(values) // _FEW]))
+    return quantile(values[:: 1 + len(values) // _FEW], 0.5)
 
 
 def around(image: NDArray[Any]) -> F32:
@@ -187,7 +188,7 @@ def _everywhere(axis: AxisPlan, view: _View, shift: float) -> bool:
     mean = complex(view.phasor[narrow].mean()) if narrow.any() else 0j
     if abs(mean) <= _COHERENT:
         return False
-    low, high = np.quantile(view.middle[:: 1 + len(view.middle) // _FEW], (0.1, 0.9))
+    low, high = (quantile(view.middle[:: 1 + len(view.middle) // _FEW], share) for share in (0.1, 0.9))
     if low < -period or high > axis.extent + period:
         return True
     # pixels that see few places of a cell have another mean than its middle, and lie inside
