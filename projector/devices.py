@@ -37,7 +37,8 @@ class Identity:
 class Wanted:
     """Settings of a camera. gain: None keeps it; fps: None is the highest; rows, cols: 0 is the full
     sensor; trigger: free, software or hardware; focus: in the driver's units, None keeps it; format: of a
-    webcam's pixels, as the driver names it ("MJPG"); empty: the best raw one.
+    webcam's pixels, as the driver names it ("MJPG"); empty: the best raw one. colour: three channels, raw
+    where the camera can.
     """
 
     exposure_s: float
@@ -51,21 +52,24 @@ class Wanted:
     trigger: str = "free"
     focus: int | None = None
     format: str = ""
+    colour: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Accepted(Wanted):
     """Settings as read back from the camera. unlocked: settings that may change, with the reason
-    ("exposure: the driver has no control").
+    ("exposure: the driver has no control"). mosaic: order of colours in raw pixels ("RGGB", rows and cols are
+    the pixels'); "RGB": three values in each, "YUYV": two of them averaged; empty: grey.
     """
 
     unlocked: tuple[str, ...] = ()
+    mosaic: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Image:
-    """pixels (H, W) uint8 or uint16, empty where the image is not complete; id: counter of the camera;
-    device_s: stamp of its clock; arrived_s: host time of arrival; why: its fault.
+    """pixels (H, W), or (H, W, 3) of colours, uint8 or uint16, empty where the image is not complete; id:
+    counter of the camera; device_s: stamp of its clock; arrived_s: host time of arrival; why: its fault.
     """
 
     pixels: NDArray[Any]

@@ -1,6 +1,7 @@
 """GigE Vision and USB3 Vision cameras of any maker, by Aravis 0.8: counter, device clock, missing packets."""
 
 import ctypes as C
+import math
 import time
 from contextlib import suppress
 
@@ -11,9 +12,9 @@ from optolever.errors import InputError
 from optolever.projector import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 
 from .aravis_library import LOST, GlibError, aravis
-from .pixel_formats import unpacked
+from .pixel_formats import mosaic_of, no_format, unpacked
 
-__all__ = ["AUTOMATIC", "FORMATS", "AravisCamera", "find", "open_named"]
+__all__ = ["AUTOMATIC", "COLOURED", "FORMATS", "AravisCamera", "find", "open_named"]
 
 _STATUS = (
     "success", "cleared", "timeout", "missing packets", "wrong packet id", "size mismatch", "filling",
@@ -21,12 +22,14 @@ _STATUS = (
 )  # fmt: skip
 _BUFFERS = 8
 _IDS = 65535  # of GVSP: 16 bits, 0 is skipped
-#: Formats by bits, best first; of a colour camera the raw mosaic.
+#: Formats by bits, best first: grey, and of colours.
 FORMATS = {
-    8: ("Mono8", "BayerRG8", "BayerGB8", "BayerGR8", "BayerBG8"),
+    8: ("Mono8",),
     **{bits: tuple(f"Mono{bits}{packing}" for packing in ("", "p", "Packed")) for bits in (10, 12)},
     16: ("Mono16",),
 }
+COLOURED = {bits: tuple(f"Bayer{order}{bits}" for order in ("RG", "GB", "GR", "BG")) for bits in FORMATS}
+COLOURED[8] += ("RGB8", "RGB8Packed")
 #: GenICam's features to switch off, in words.
 AUTOMATIC = (("ExposureAuto", "exposure"), ("GainAuto", "gain"), ("BalanceWhiteAuto", "white balance"))
 
@@ -104,12 +107,12 @@ class AravisCamera:
                     call("camera_set_string", camera, feature.encode(), b"Off")
                 except GlibError as error:
                     unlocked.append(f"{what}: automatic ({error})")
-        for self._format in FORMATS[wanted.bits]:
+        for self._format in (COLOURED if wanted.colour else FORMATS)[wanted.bits]:
             with suppress(GlibError):
                 call("camera_set_pixel_format_from_string", camera, self._format.encode())
                 break
         else:
-            raise InputError(f"camera: {self._name} has no format of {wanted.bits} bits without colours")
+            raise no_format(self._name, wanted.colour, wanted.bits)
         width, height = C.c_int(), C.c_int()
         call("camera_get_sensor_size", camera, C.byref(width), C.byref(height))
         rows, cols = wanted.rows or height.value, wanted.cols or width.value
@@ -137,6 +140,7 @@ class AravisCamera:
             fps=float(call("camera_get_frame_rate", camera)),
             trigger=wanted.trigger,
             unlocked=tuple(unlocked),
+            mosaic=mosaic_of(self._format),
         )
 
     def start(self) -> None:
@@ -189,13 +193,14 @@ class AravisCamera:
     def _pixels(self, buffer: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
         """A copy: the buffer goes back."""
         call = self._library.call
-        shape = call("buffer_get_image_height", buffer), call("buffer_get_image_width", buffer)
+        rows, cols = call("buffer_get_image_height", buffer), call("buffer_get_image_width", buffer)
         size = C.c_size_t()
         data = call("buffer_get_data", buffer, C.byref(size))
         if self._format.endswith(("p", "Packed")):
             raw = np.ctypeslib.as_array(C.cast(data, C.POINTER(C.c_uint8)), (size.value,))
-            return unpacked(raw, shape, self._format)
-        wide = size.value >= 2 * shape[0] * shape[1]
+            return unpacked(raw, (rows, cols), self._format)
+        shape = (rows, cols, 3) if mosaic_of(self._format) == "RGB" else (rows, cols)
+        wide = size.value >= 2 * math.prod(shape)
         pixels = np.empty(shape, np.uint16 if wide else np.uint8)
         C.memmove(pixels.ctypes.data, data, min(pixels.nbytes, size.value))
         return pixels

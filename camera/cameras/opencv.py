@@ -8,6 +8,7 @@ import cv2
 from optolever.errors import InputError
 from optolever.projector import Accepted, CameraLost, Identity, Image, Wanted
 
+from .pixel_formats import no_format
 from .webcam import Untriggered, require_free
 
 __all__ = ["OpenCVCamera", "find", "open_named"]
@@ -43,6 +44,8 @@ class OpenCVCamera(Untriggered):
     def configure(self, wanted: Wanted) -> Accepted:
         """Nothing is set: size and rate are the stream's, the exposure is taken as it is said to be."""
         require_free(wanted)
+        if wanted.colour:
+            raise no_format(self._name, True, wanted.bits)
         rows, cols, fps = (
             self._capture.get(each)
             for each in (cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FPS)

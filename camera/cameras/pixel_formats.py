@@ -1,12 +1,29 @@
 """Pixels as drivers pack them."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.errors import InputError
 from optolever.pictures import whole_jpeg
 
-__all__ = ["from_jpeg", "unpacked"]
+__all__ = ["binned", "from_jpeg", "mosaic_of", "no_format", "unpacked"]
+
+
+def mosaic_of(name: str) -> str:
+    """Order of colours in a format by GenICam's name, BayerRG8: "RGGB"; "RGB": three values; empty: grey."""
+    if name.startswith("Bayer"):
+        return {"RG": "RGGB", "GB": "GBRG", "GR": "GRBG", "BG": "BGGR"}[name[5:7]]
+    return "RGB" if name.startswith("RGB") else ""
+
+
+def no_format(camera: str, colour: bool, bits: int, offered: str = "") -> InputError:
+    """That a camera has no format for what is wanted, and the cure."""
+    what = f"camera: {camera} has no " + ("format of raw colours" if colour else "grey format")
+    cure = "raw, or grey patterns" if colour else "of raw colours take patterns in colour, --colour"
+    return InputError(f"{what} of {bits} bits{offered and f', it has {offered}'}; {cure}")
 
 
 def unpacked(data: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[np.uint16]:
@@ -30,3 +47,10 @@ def from_jpeg(data: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.uin
     """Luminance (H, W) of a JPEG; None where a part of it is missing or it is of another size."""
     found = whole_jpeg(data.tobytes(), cv2.IMREAD_GRAYSCALE)
     return None if found is None or found.shape != shape else np.asarray(found, np.uint8)
+
+
+def binned(colours: NDArray[Any]) -> NDArray[np.uint8]:
+    """Means (H // 2, W // 2, 3) of 2 x 2 pixels."""
+    rows, cols = (size // 2 for size in colours.shape[:2])
+    whole = colours[: 2 * rows, : 2 * cols]
+    return np.asarray(cv2.resize(whole, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.projector import Accepted, CameraLost, Identity, Image, Wanted, no_pixels
 
-from .aravis import AUTOMATIC, FORMATS
-from .pixel_formats import unpacked
+from .aravis import AUTOMATIC, COLOURED, FORMATS
+from .pixel_formats import mosaic_of, no_format, unpacked
 
 __all__ = ["PylonCamera", "find", "open_named"]
 
@@ -76,8 +76,10 @@ class PylonCamera:
                 f"{what}: automatic" for name, what in AUTOMATIC if self._set((name,), "Off") is False
             ]
             offered = self._camera.PixelFormat.Symbolics
-            names = FORMATS.get(wanted.bits, ())
-            self._format = next((one for one in names if one in offered), f"Mono{wanted.bits}")
+            names = (COLOURED if wanted.colour else FORMATS).get(wanted.bits, ())
+            self._format = next((one for one in names if one in offered), "")
+            if not self._format:
+                raise no_format(self.identity.address, wanted.colour, wanted.bits, " ".join(offered))
             self._camera.PixelFormat.Value = self._format
             for size, offset, pixels, first in (
                 (self._camera.Width, ("OffsetX",), wanted.cols, wanted.col),
@@ -102,7 +104,7 @@ class PylonCamera:
             exposure, rate = 1e-6 * float(self._get(_EXPOSURE) or 0.0), self._get(_RESULTING)
             return Accepted(
                 exposure, rows, cols, row, col, wanted.bits, gain, rate, wanted.trigger,
-                unlocked=tuple(unlocked),
+                unlocked=tuple(unlocked), mosaic=mosaic_of(self._format),
             )  # fmt: skip
 
     def _node(self, names: tuple[str, ...]) -> Any:

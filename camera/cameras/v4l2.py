@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +16,7 @@ from optolever.projector import Accepted, CameraLost, Identity, Image, Wanted, n
 
 from . import ioctl
 from .ioctl import OpenDevice
-from .pixel_formats import from_jpeg
+from .pixel_formats import binned, from_jpeg, no_format
 from .webcam import Untriggered, locked, require_free
 
 __all__ = ["V4L2Camera", "find", "open_named"]
@@ -38,15 +39,23 @@ _UNIT_S = 1e-4  # of V4L2_CID_EXPOSURE_ABSOLUTE
 _BUFFERS = 6
 _SLOW_FPS = 10.0  # below, the next smaller size is taken
 _JPEG = b"MJPG"
-#: Formats whose grey values (or mosaic) are read, best first, by bits: fourcc -> (bytes a pixel, grey byte).
+#: Formats whose grey values are read, best first, by bits: fourcc -> (bytes a pixel, grey byte).
 _GREY: dict[int, dict[bytes, tuple[int, int]]] = {
     8: {
         **dict.fromkeys((b"GREY", b"NV12"), (1, 0)),
         b"YUYV": (2, 0),
         b"UYVY": (2, 1),
-        **dict.fromkeys((b"BA81", b"GBRG", b"GRBG", b"RGGB", _JPEG), (1, 0)),
+        _JPEG: (1, 0),
     },
     16: dict.fromkeys((b"Y16 ", b"Y12 ", b"Y10 "), (2, 0)),
+}
+_YUYV = b"YUYV"
+#: Formats of colours, best first, and their mosaic.
+_COLOURED = {
+    **{one: one.decode() for one in (b"RGGB", b"GRBG", b"GBRG")},
+    b"BA81": "BGGR",
+    **dict.fromkeys((b"RGB3", b"BGR3"), "RGB"),
+    _YUYV: "YUYV",
 }
 _BITS = {b"Y16 ": 16, b"Y12 ": 12, b"Y10 ": 10}
 _BY_ID = Path("/dev/v4l/by-id")
@@ -116,15 +125,17 @@ class V4L2Camera(Untriggered):
     def configure(self, wanted: Wanted) -> Accepted:
         """InputError where no format fits, or a trigger is asked for."""
         require_free(wanted)
-        offered, known = ioctl.formats(self._device), _GREY[8 if wanted.bits == 8 else 16]
+        offered, known = ioctl.formats(self._device), tuple(_GREY[8 if wanted.bits == 8 else 16])
+        if wanted.colour:
+            known = tuple(_COLOURED) if wanted.bits == 8 else ()
         if wanted.format:
-            known = {one: known[one] for one in known if one.decode("latin1").strip() == wanted.format}
+            known = tuple(one for one in known if one.decode("latin1").strip() == wanted.format)
         fourcc = next((one for one in known if one in offered), None)
         if fourcc is None:
-            lacks = f"{self._name} has no grey format of {wanted.bits} bits, it"
-            what = f"format is {wanted.format!r}, {self._name}" if wanted.format else lacks
             names = " ".join(one.decode("latin1").strip() for one in offered)
-            raise InputError(f"camera: {what} has {names}")
+            if wanted.format and not wanted.colour:
+                raise InputError(f"camera: format is {wanted.format!r}, {self._name} has {names}")
+            raise no_format(self._name, wanted.colour, wanted.bits, names)
         try:
             fps = self._choose_size(wanted, fourcc)
             faster = self._compressed_rate(wanted, fps) if fourcc != _JPEG and _JPEG in offered else None
@@ -138,17 +149,21 @@ class V4L2Camera(Untriggered):
         if faster is not None:
             offer = f"{faster:g} as MJPG, compressed with loss: --set format=MJPG"
             unlocked = (*unlocked, f"frame rate: {fps:g} images a second raw, {offer}")
-        units = self._get(_EXPOSURE)
+        units, binned = self._get(_EXPOSURE), 1
+        if wanted.colour and fourcc == _YUYV:
+            unlocked, binned = (*unlocked, "colours: YUYV has them in every other pixel, binned 2 x 2"), 2
         return Accepted(
             exposure_s=wanted.exposure_s if units is None else units * _UNIT_S,
-            rows=self._format.rows,
-            cols=self._format.cols,
+            rows=self._format.rows // binned,
+            cols=self._format.cols // binned,
             bits=_BITS.get(fourcc, 8),
             gain=None if wanted.gain is None else self._get(_GAIN),
             fps=fps,
             unlocked=unlocked,
             focus=self._get(_FOCUS),
             format=fourcc.decode("latin1").strip(),
+            colour=wanted.colour,
+            mosaic=_COLOURED[fourcc] if wanted.colour else "",
         )
 
     def _choose_size(self, wanted: Wanted, fourcc: bytes) -> float | None:
@@ -249,7 +264,7 @@ class V4L2Camera(Untriggered):
         return Image(no_pixels(), one.sequence, stamp, arrived, False, why)
 
     def _pixels(self, memory: memoryview, used: int) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
-        """Grey values, copied: the buffer goes back. None where some are missing."""
+        """Values, copied: the buffer goes back. None where some are missing."""
         one, fourcc = self._format, self._format.fourcc
         if fourcc == _JPEG:
             return from_jpeg(np.frombuffer(memory, np.uint8, used), (one.rows, one.cols))
@@ -258,8 +273,16 @@ class V4L2Camera(Untriggered):
         rows = np.frombuffer(memory, np.uint8, one.stride * one.rows).reshape(one.rows, one.stride)
         if fourcc in _BITS:
             return rows[:, : 2 * one.cols].copy().view("<u2").astype(np.uint16)
-        width, place = _GREY[8][fourcc]
-        return rows[:, place : width * one.cols : width].copy()
+        if not self._wanted.colour:
+            width, place = _GREY[8][fourcc]
+            return rows[:, place : width * one.cols : width].copy()
+        if fourcc == _YUYV:
+            pairs = np.ascontiguousarray(rows[:, : 2 * one.cols]).reshape(one.rows, one.cols, 2)
+            return binned(cv2.cvtColor(pairs, cv2.COLOR_YUV2RGB_YUYV))
+        if _COLOURED[fourcc] != "RGB":
+            return rows[:, : one.cols].copy()
+        colours = rows[:, : 3 * one.cols].reshape(one.rows, one.cols, 3)
+        return colours[..., :: 1 if fourcc == b"RGB3" else -1].copy()
 
     def stop(self) -> None:
         """Give the buffers back; an unplugged camera has none."""

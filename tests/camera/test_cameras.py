@@ -19,9 +19,9 @@ import pytest
 
 from optolever import InputError
 from optolever.camera import ClockMap, Timing, acquire
-from optolever.camera.cameras import StillCamera, find_cameras, ioctl, open_camera, webcam
+from optolever.camera.cameras import StillCamera, aravis, find_cameras, ioctl, open_camera, webcam
 from optolever.camera.cameras.aravis import AravisCamera
-from optolever.camera.cameras.pixel_formats import unpacked
+from optolever.camera.cameras.pixel_formats import mosaic_of, unpacked
 from optolever.camera.cameras.v4l2 import V4L2Camera
 from optolever.patterns import sequence
 from optolever.projector import Camera, CameraLost, Identity, Image, RealTime, Wanted, capture
@@ -62,7 +62,7 @@ class RecordedDevice:
             cols, rows, self.fourcc = *struct.unpack_from("<II", data, 8), bytes(data[16:20])
             if self.sizes:
                 self.rows, self.cols = rows, cols
-            width = 2 if self.fourcc in (b"YUYV", b"UYVY", b"Y16 ") else 1
+            width = {b"YUYV": 2, b"UYVY": 2, b"Y16 ": 2, b"RGB3": 3, b"BGR3": 3}.get(self.fourcc, 1)
             stride = width * self.cols + 4  # drivers pad rows
             given = self.cols, self.rows, self.fourcc, 1, stride, stride * self.rows
             struct.pack_into("<II4sIII", data, 8, *given)
@@ -159,6 +159,73 @@ def test_v4l2_images_are_the_bytes_of_the_driver(fourcc: bytes, bits: int) -> No
     taken(camera), taken(camera)
     assert camera.lost == 2  # sequence 1 -> 4
     assert camera.next(0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("fourcc", "mosaic"),
+    [(b"BA81", "BGGR"), (b"GRBG", "GRBG"), (b"RGB3", "RGB"), (b"BGR3", "RGB"), (b"YUYV", "YUYV")],
+)
+def test_v4l2_colours_are_the_bytes_of_the_driver(fourcc: bytes, mosaic: str) -> None:
+    device = RecordedDevice(fourccs=(b"MJPG", fourcc))
+    camera = V4L2Camera(device, "/dev/video0")
+    accepted = camera.configure(Wanted(0.01, colour=True))
+    camera.start()
+    pixels, rows = taken(camera).pixels, np.frombuffer(device.memory, np.uint8).reshape(6, -1)
+    assert (accepted.mosaic, (accepted.rows, accepted.cols)) == (mosaic, pixels.shape[:2])
+    if fourcc != b"YUYV":
+        expected = rows[:, :8] if pixels.ndim == 2 else rows[:, :24].reshape(6, 8, 3)
+        np.testing.assert_array_equal(pixels, expected[..., ::-1] if fourcc == b"BGR3" else expected)
+        return
+    assert any("binned 2 x 2" in one for one in accepted.unlocked)
+    y, cb, cr = rows[:, 0:16:2].astype(float), rows[:, 1:16:4] - 128.0, rows[:, 3:16:4] - 128.0
+    y, cb, cr = 1.164 * np.maximum(y - 16, 0), np.repeat(cb, 2, axis=1), np.repeat(cr, 2, axis=1)  # BT.601
+    light = np.stack([y + 1.596 * cr, y - 0.392 * cb - 0.813 * cr, y + 2.017 * cb], axis=-1).clip(0, 255)
+    means = light.reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
+    assert np.abs(pixels - means).max() < 2
+
+
+def test_formats_that_hold_no_raw_colours_are_refused_with_a_cure() -> None:
+    for fourccs, wanted, said in (
+        (
+            (b"MJPG", b"NV12"),
+            Wanted(0.01, colour=True),
+            "raw colours of 8 bits, it has MJPG NV12; raw, or grey",
+        ),
+        ((b"RGGB",), Wanted(0.01, bits=12, colour=True), "raw colours of 12 bits, it has RGGB; raw, or grey"),
+        ((b"RGGB",), Wanted(0.01), "no grey format of 8 bits, it has RGGB; .*--colour"),
+        ((b"MJPG", b"YUYV"), Wanted(0.01, format="MJPG", colour=True), "no format of raw colours"),
+    ):
+        with pytest.raises(InputError, match=said) as caught:
+            V4L2Camera(RecordedDevice(fourccs=fourccs), "/dev/video0").configure(wanted)
+        assert "\n" not in str(caught.value)
+
+
+def test_aravis_takes_raw_colours_of_its_fake_camera(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its mosaics hold the samples of its RGB image; where a colour camera is asked for grey it is Mono8."""
+    aravis_or_skip()
+    fake, images = ctypes.CDLL("libaravis-0.8.so.0"), {}
+    fake.arv_enable_interface(b"Fake")
+    try:
+        for name in ("BayerGR8", "BayerGB8", "RGB8", "Mono8"):
+            monkeypatch.setitem(aravis.COLOURED, 8, (name,))
+            camera = AravisCamera("Fake_1")
+            accepted = camera.configure(Wanted(0.005, rows=64, cols=96, colour=name != "Mono8"))
+            camera.start()
+            images[name] = accepted.mosaic, taken(camera, 5.0)
+            camera.close()
+    finally:
+        fake.arv_disable_interface(b"Fake")
+    assert len({image.id for _, image in images.values()}) == 1  # the same picture
+    assert images["Mono8"][0] == ""
+    mosaic, colours = images["RGB8"]
+    assert (mosaic, colours.pixels.shape) == ("RGB", (64, 96, 3))
+    for name in ("BayerGR8", "BayerGB8"):
+        mosaic, raw = images[name]
+        for k, colour in enumerate(mosaic):
+            part = np.s_[k // 2 :: 2, k % 2 :: 2]
+            np.testing.assert_array_equal(raw.pixels[part], colours.pixels[..., "RGB".index(colour)][part])
+    names = {"BayerRG8": "RGGB", "BayerBG8": "BGGR", "RGB8": "RGB", "Mono12p": ""}
+    assert {name: mosaic_of(name) for name in names} == names
 
 
 def test_v4l2_locks_what_is_automatic_and_reads_back() -> None:
