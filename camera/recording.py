@@ -10,7 +10,8 @@ numbered from 0 ("line"), so that a lost or exchanged one is named. By "event":
     configured: the settings that a camera accepted
     shown: index, swapped_s, late
     image: id, device_s, arrived_s, stamp_s, complete, why; if complete page (its number), at and bytes (place
-        of its block), key, rows, cols, bits, crc32 (of the pixels); reading, where somebody read it
+        of its block), key, rows, cols, planes (3 of colours), bits, crc32 (of the pixels); reading, where
+        somebody read it
 """
 
 import json
@@ -56,6 +57,7 @@ class _Block:
     cols: int
     bits: Literal[8, 16]
     crc32: int
+    planes: Literal[1, 3] = 1
 
     def __post_init__(self) -> None:
         numbers = self.at, self.bytes, self.rows, self.cols
@@ -66,7 +68,7 @@ class _Block:
     @property
     def size(self) -> int:
         """Bytes of the pixels."""
-        return self.rows * self.cols * self.bits // 8
+        return self.rows * self.cols * self.planes * self.bits // 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,11 +159,12 @@ class Recorder:
             self._file.seek(self._at)  # a part of one may be written
             self._file.write(block)
             self._file.flush()
-        rows, cols = pixels.shape
+        rows, cols, *planes = pixels.shape
         place = {"page": self.images, "at": self._at, "bytes": len(block), "key": key}
         self._before, self._at, self.images = pixels.copy(), self._at + len(block), self.images + 1
         self._key_s = image.arrived_s if key else self._key_s
-        return place | {"rows": rows, "cols": cols, "bits": bits, "crc32": zlib.crc32(pixels.data)}
+        size = {"rows": rows, "cols": cols, "planes": planes[0] if planes else 1, "bits": bits}
+        return place | size | {"crc32": zlib.crc32(pixels.data)}
 
     def _line(self, event: str, values: Mapping[str, Any]) -> None:
         with self._blamed():
@@ -194,7 +197,8 @@ def _unpacked(data: bytes, line: _Block) -> NDArray[Any]:
     """Inverse of _packed. ValueError of another size."""
     size = line.bits // 8
     planes = np.frombuffer(data, np.uint8).reshape(size, -1).T
-    pixels = np.ascontiguousarray(planes).view(f"<u{size}").reshape(line.rows, line.cols)
+    pixels = np.ascontiguousarray(planes).view(f"<u{size}").reshape(line.rows, line.cols, -1)
+    pixels = pixels[..., 0] if line.planes == 1 else pixels
     return pixels.astype(f"u{size}")
 
 

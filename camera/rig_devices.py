@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,10 +18,11 @@ from optolever.projector import (
     Time,
     Wanted,
     capture,
+    capture_colour,
     choose_monitor,
     monitors,
 )
-from optolever.scene import Scene, dent_from_text, load, rig_table
+from optolever.scene import MOSAICS, Scene, dent_from_text, load, rig_table
 from optolever.schema import from_table
 
 from .acquisition import Arrivals, ClockMap, Taken, Timing, acquire
@@ -79,10 +80,13 @@ class Opened:
 
     def require_size(self, scene: Scene) -> None:
         """InputError unless the images are as large as those of the scene's camera."""
-        size, known = (self.accepted.rows, self.accepted.cols), (scene.camera.rows, scene.camera.cols)
+        side = 2 if self.accepted.mosaic in MOSAICS else 1
+        size = self.accepted.rows // side, self.accepted.cols // side
+        known = scene.camera.rows, scene.camera.cols
         if size != known:
+            what = "quads of 2 x 2 pixels" if side > 1 else "pixels"
             raise InputError(
-                f"camera: images of {size[1]}x{size[0]} pixels, the rig's [camera] has "
+                f"camera: images of {size[1]}x{size[0]} {what}, the rig's [camera] has "
                 f"{known[1]}x{known[0]}; correct it, or --set rows=ROWS --set cols=COLS"
             )
 
@@ -154,7 +158,8 @@ def opened(rig: Path, devices: Devices, shown: Sequence, *, running: bool = True
     with ExitStack() as stack:
         camera = _camera(rig, devices, shown)
         stack.callback(camera.close)
-        accepted = camera.configure(devices.wanted())
+        accepted = camera.configure(replace(devices.wanted(), colour=shown.packing is not None))
+        _require_colours(accepted, camera, shown)
         still = isinstance(camera, Display)  # a recording is one, and has its own time
         display: Any
         display, faults = (camera, ()) if still else _window(devices, shown, stack)
@@ -166,11 +171,26 @@ def opened(rig: Path, devices: Devices, shown: Sequence, *, running: bool = True
         yield Opened(camera, display, accepted, time, ClockMap(), still, (*accepted.unlocked, *faults))
 
 
+def _require_colours(accepted: Accepted, camera: Camera, shown: Sequence) -> None:
+    """InputError where a sequence in colour needs other pictures."""
+    if shown.packing is None:
+        return
+    kinds = {frame.kind for frame in shown.frames}
+    wrong = ""
+    if not accepted.mosaic:
+        wrong = "takes grey pictures"
+    elif accepted.mosaic == "YUYV" and "phase" in kinds and all(f.bit is None for f in shown.frames):
+        wrong = "gives YUYV, whose colours are means of neighbours, which periods without bits do not bear"
+    if wrong:
+        raise InputError(f"camera: {camera.identity.address} {wrong}; raw, or grey patterns")
+
+
 def _camera(rig: Path, devices: Devices, shown: Sequence) -> Camera:
     if devices.camera != "virtual":
         return open_camera(devices.camera)
     scene = load(rig)
-    seen = capture(scene, dent_from_text(scene.dent or "flat", scene), shown)
+    take = capture if shown.packing is None else capture_colour
+    seen = take(scene, dent_from_text(scene.dent or "flat", scene), shown)
     return StillCamera(seen, Identity("virtual", "virtual sensor", "", "virtual"))
 
 

@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .arguments import Arg, Opt, Rare, program
 from .batch import Many
-from .options import Json, NoRest, Shown, checked_response, name_unused, response_of
+from .options import Colour, Json, NoRest, Shown, checked_response, colours_of, name_unused, response_of
 from .outputs import NewFolder, OutputFile
 from .printing import (
     contact_rows,
@@ -56,6 +56,7 @@ def command(
     profile: Annotated[Path | None, PROFILE] = None,
     save_profile: Annotated[Path | None, SAVE] = None,
     frames_only: Annotated[bool, ONLY] = False,
+    colour: Colour = None,
     keep: Annotated[bool, KEEP] = False,
     json_path: Json = None,
 ) -> None:
@@ -64,24 +65,33 @@ def command(
     The folder --out gets capture/, c.npz, h.npz, report.html and its data; with --frames-only capture.toml,
     frames/*.png and acquisition.jsonl. The display shows the frames, and the camera takes the first image of
     each whose exposure began after the pattern had settled ([sync], else after 0.5 s). The recording of an
-    aborted capture stays in OUT.recording (optolever camera replay).
+    aborted capture stays in OUT.recording (optolever camera replay). --colour takes a third of the pictures,
+    in colour, of a rig with [colour] (response --colour).
     """
-    scene = ol.scene.load(rig)
+    scene, colours = ol.scene.load(rig), colours_of(rig)
     devices = None if captures else ol.camera.devices_of(rig, changes)
     if frames_only:
-        _take(rig, devices, sequence, out, keep, json_path)
+        _take(rig, devices, sequence, colour, out, keep, json_path)
         return
+    if colour is not None and colours is None:
+        cure = "take --sequence ramp --frames-only with it, then optolever response --colour"
+        raise InputError(f"{rig}: --colour {colour} needs [colour], which is missing; {cure}")
     with progress() as step:
         out.mkdir(parents=True, exist_ok=True)
         step("capture")
         folder, taken = captures[0] if captures else out / "capture", None
         if devices is not None:
             record = out.with_name(f"{out.name}.recording")  # beside: a folder that failed can be used again
-            taken = capture_rig(rig, devices, sequence_of(rig, sequence), folder, keep=keep, record=record)
-        capture = ol.projector.Capture.load(folder) if taken is None else taken.capture
+            shown = sequence_of(rig, sequence, colour)
+            taken = capture_rig(rig, devices, shown, folder, keep=keep, record=record)
+        capture = ol.projector.load_capture(folder, colours=colours) if taken is None else taken.capture
+        if isinstance(capture, ol.projector.ColourCapture):
+            assert colours is not None
+            capture = capture.unmixed(colours)
         step("decode")
         known = None if profile is None else ol.decode.RigProfile.load(profile)
-        light = response_of(rig) if known is None else known.settings.response
+        grey = capture.sequence.packing is None
+        light = known.settings.response if known is not None else response_of(rig) if grey else None
         settings = ol.decode.Settings(response=light)
         decoder = ol.decode.Decoder(capture.sequence, known, settings)
         seen, lag = decoder.decode(capture.frames), measured_lag(rig, folder)
@@ -129,6 +139,7 @@ def _take(
     rig: Path,
     devices: "ol.camera.Devices | None",
     sequence: str,
+    colour: str | None,
     out: Path,
     keep: bool,
     json_path: Path | None,
@@ -136,7 +147,7 @@ def _take(
     """--frames-only: the capture alone."""
     if devices is None:
         raise InputError("--frames-only: takes a new capture; leave DIR out")
-    shown = sequence_of(rig, sequence)
+    shown = sequence_of(rig, sequence, colour)
     with ol.files.together():
         done = capture_rig(rig, devices, shown, out, keep=keep)
         write_json(json_path, done.numbers())
@@ -144,7 +155,7 @@ def _take(
     figures = {
         "camera": devices.camera,
         "sequence": sequence,
-        "frames": f"{len(shown)} of {rows} x {cols}",
+        "frames": f"{shown.exposures} of {rows} x {cols}",
         "images": f"{done.lost} lost, {numbers['incomplete']} incomplete",
         "patterns": f"{numbers['repeats']} shown again, {numbers['late']} late",
         "time": number(done.seconds, "s"),

@@ -130,6 +130,11 @@ def shown_sequence(text: str, display: tuple[int, int] | None) -> "ol.patterns.S
     raise InputError(f"--pixels is missing, must be WIDTHxHEIGHT of what showed {text}, such as 1920x1080")
 
 
+def in_colour(shown: "ol.patterns.Sequence", colour: str | None) -> "ol.patterns.Sequence":
+    """The sequence, packed for a display whose stripes have that order (--colour)."""
+    return shown if colour is None else ol.patterns.packed(shown, colour)
+
+
 def load_scene(name: str, size: tuple[int, int] | None = None, *, exact: bool = False) -> "ol.scene.Scene":
     """The scene of a preset or file, resampled if a size is given; exact: for simulations. InputError if
     there is none."""

@@ -85,12 +85,12 @@ def _capture(recording: "ol.camera.Recording", out: Path) -> int:
     if timing is not None:
         timing = ol.camera.Timing.from_table(timing, f"{folder}: [sync]")
     replay, taken = Replay(folder), list["ol.camera.Taken"]()
-    clock, order = ol.camera.ClockMap(), range(len(shown))
+    clock, order = ol.camera.ClockMap(), range(shown.exposures)
     try:
         for one in ol.camera.acquire(replay, replay, timing, order, time=replay, clock=clock):
             taken.append(one)
     except InputError:
         if not taken:
             raise
-    captured(taken, shown, None if recording.accepted is None else recording.accepted.bits).save(out)
+    captured(taken, shown, recording.accepted).save(out)
     return len(taken)

@@ -20,7 +20,10 @@ $ optolever decode capture --response rig.toml --out c.npz
 """
 
 
-MOSAIC = Opt("--mosaic RGGB|GRBG|GBRG|BGGR", "Order of the colours in raw pictures, with --colour.")
+MOSAIC = Opt(
+    "--mosaic RGGB|GRBG|GBRG|BGGR",
+    "Order of the colours in raw pictures, with --colour; default: the capture's.",
+)
 
 
 @program("response", SAMPLE)
@@ -87,7 +90,7 @@ def _colours(ramp: Path, rig: Path, mosaic: str | None, json_path: Path | None) 
         step("read")
         taken = ol.projector.ColourCapture.load(ramp)
         step("measure")
-        found = ol.calibration.measure_colours(taken, mosaic)
+        found = ol.calibration.measure_colours(taken, mosaic or taken.raw)
         step("write")
         with ol.files.together():
             ol.calibration.store_colours(rig, found)

@@ -10,7 +10,7 @@ from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
 from .devices import print_monitors
-from .options import Colour, Json, pixels, shown_sequence
+from .options import Colour, Json, in_colour, pixels, shown_sequence
 from .outputs import NewFolder, OutputFile
 from .printing import number, print_notices, table, write_json
 
@@ -58,7 +58,7 @@ def command(
     --colour needs a third of the pictures, a colour camera with linear levels, and `response --colour` once.
     """
     if pictures is not None:
-        _write(_in_colour(shown_sequence(sequence, size), colour), sequence, pictures, json_path)
+        _write(in_colour(shown_sequence(sequence, size), colour), sequence, pictures, json_path)
         return
     found = ol.projector.monitors()
     if listing:
@@ -74,7 +74,7 @@ def command(
         if shape is None:
             raise InputError("--pixels: must be given for a plain window, such as 640x480")
         shown = ol.patterns.sequence_from_text(sequence, *shape)
-    shown = _in_colour(shown, colour)
+    shown = in_colour(shown, colour)
     described, index = out or Path("capture.toml"), None if chosen is None else chosen.index
     times = list[float]()
     with ol.projector.PatternWindow(shown, monitor=index) as window:
@@ -99,10 +99,6 @@ def command(
             "described": str(described),
         }
         table("Shown in a window" if index is None else f"Shown on monitor {index}", rows)
-
-
-def _in_colour(shown: "ol.patterns.Sequence", colour: str | None) -> "ol.patterns.Sequence":
-    return shown if colour is None else ol.patterns.packed(shown, colour)
 
 
 def _chosen(

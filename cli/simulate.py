@@ -9,7 +9,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Opt, program
-from .options import Colour, Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
+from .options import Colour, Dent, Json, Noise, Renderer, SceneName, Seed, Shown, Size, in_colour, load_scene
 from .outputs import NewFolder
 from .printing import number, progress, table, write_json
 
@@ -51,8 +51,7 @@ def command(
     scene = replace(scene, dent=pressed)
     surface = ol.scene.dent_from_text(pressed, scene)
     shown = ol.patterns.sequence_from_text(sequence, scene.pattern.rows, scene.pattern.cols)
-    if colour is not None:
-        shown = ol.patterns.packed(shown, colour)
+    shown = in_colour(shown, colour)
     with ol.files.together(), progress() as step:
         with ol.files.atomic_folder(out) as folder:
             step("trace the truth")

@@ -2,7 +2,8 @@
 
     version = 2
     rows, cols, bits, name, nominal     as of version 1 (`folder`)
-    [colour]         stripes: order of the display's, 'rgb', 'bgr' or 'none'
+    [colour]         stripes: order of the display's, 'rgb', 'bgr', 'none' or 'unknown'; mosaic, as the
+                     camera named it: of raw pictures, 'RGGB'; 'RGB', 'YUYV': three values in every pixel
     [[images]]       one per picture: `file` and `time` as of frames of version 1, `frames`: numbers of the
                      frames that red, green and blue show
     [[frames]]       the fields of patterns.Frame
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ from optolever.errors import InputError
 from optolever.files import atomic_folder
 from optolever.patterns import Sequence
 from optolever.pictures import is_lossy, read_pictures
-from optolever.scene import Scene, Trace, load
+from optolever.scene import MOSAICS, Scene, Trace, load
 from optolever.schema import from_table
 from optolever.toml import read_toml
 
@@ -43,16 +44,31 @@ _HEAD = ("name", "rows", "cols", "nominal")
 @dataclass(frozen=True, slots=True, eq=False)
 class ColourCapture:
     """Pictures (E, H, W, 3), or (E, 2 H, 2 W) of a mosaic, of the E exposures of `sequence`; scene: the known
-    rig, whose camera has H x W pixels; timestamps (E,), s; bits: of the camera."""
+    rig, whose camera has H x W pixels; timestamps (E,), s; bits: of the camera; mosaic: as it named it,
+    empty: unknown."""
 
     images: NDArray[np.uint8] | NDArray[np.uint16]
     sequence: Sequence
     scene: Scene | None = None
     timestamps: NDArray[np.float64] | None = None
     bits: int = 8
+    mosaic: str = ""
+
+    @property
+    def raw(self) -> str | None:
+        """One of MOSAICS, of raw pictures; None: three values in every pixel, or unknown."""
+        return self.mosaic if self.mosaic in MOSAICS else None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the pictures."""
+        return int(self.images.shape[1]), int(self.images.shape[2])
 
     def unmixed(self, response: ColourResponse) -> Capture:
-        """The frames of a grey camera, by a measured response."""
+        """The frames of a grey camera, by a measured response. InputError where that is of other pictures."""
+        if self.mosaic and self.raw != response.mosaic:
+            kind, cure = response.mosaic or "RGB", "measure it again: optolever response --colour"
+            raise InputError(f"colour: pictures are {self.mosaic}, the response is of {kind}; {cure}")
         found = unmixed(self.images, self.sequence, response, bits=self.bits)
         return replace(found, scene=self.scene)
 
@@ -65,6 +81,8 @@ class ColourCapture:
                 _, data = cv2.imencode(".png", image[..., ::-1] if image.ndim == 3 else image)
                 (target / file).write_bytes(data.tobytes())
             plain = colour_description(self.sequence, files) | {"bits": self.bits}
+            if self.mosaic:
+                plain["colour"]["mosaic"] = self.mosaic
             if self.timestamps is not None:
                 for table, time in zip(plain["images"], self.timestamps.tolist(), strict=True):
                     table["time"] = time
@@ -80,7 +98,7 @@ class ColourCapture:
         description. InputError names file, field, value and limit."""
         base = Path(folder) if isinstance(folder, str | Path) else Path(folder[0])
         toml = base / _DESCRIPTION if description is None else Path(description)
-        sequence, files, times, bits = _read(toml)
+        sequence, files, times, bits, mosaic = _read(toml)
         paths = [base / file for file in files] or pictures_of(folder)
         lossy = next((path for path in paths if is_lossy(path)), None)
         if lossy is not None:
@@ -100,7 +118,7 @@ class ColourCapture:
         images = np.stack(pictures)
         images = images[..., :3] if images.ndim == 4 and images.shape[-1] > 2 else images
         scene = load(base / _SCENE) if (base / _SCENE).is_file() else None
-        return cls(images, sequence, scene, times, bits or bits_of(images))
+        return cls(images, sequence, scene, times, bits or bits_of(images), mosaic)
 
 
 def in_colour(toml: Path) -> bool:
@@ -130,6 +148,7 @@ def load_capture(
 @dataclass(frozen=True, slots=True)
 class _Colour:
     stripes: str
+    mosaic: Literal["", "RGB", "YUYV", "RGGB", "GRBG", "GBRG", "BGGR"] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +171,8 @@ class _Description:
     nominal: Any = False
 
 
-def _read(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, int | None]:
-    """Sequence, file of each picture (none: it names no files), times or None, bits or None."""
+def _read(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, int | None, str]:
+    """Sequence, file of each picture (none: it names no files), times or None, bits or None, mosaic."""
     table = read_toml(path)
     found = from_table(_Description, table, str(path))
     if found.version != COLOURED_VERSION:
@@ -171,4 +190,5 @@ def _read(path: Path) -> tuple[Sequence, list[str], NDArray[np.float64] | None, 
     packing = {"stripes": found.colour.stripes, "exposures": [list(one.frames) for one in found.images]}
     outer = {key: table[key] for key in (*_HEAD, "frames") if key in table}
     sequence = Sequence.from_dict({**outer, "packing": packing}, str(path))
-    return sequence, files, np.array(times, np.float64) if times else None, found.bits
+    times_s = np.array(times, np.float64) if times else None
+    return sequence, files, times_s, found.bits, found.colour.mosaic

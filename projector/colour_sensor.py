@@ -81,7 +81,7 @@ def capture_colour(
                     electronics[k][plane].expose(seen[plane], images[k, start:stop, :, plane])
         progress("rows", stop, rows)
     exact = replace(scene, accuracy=None, covariance=None)
-    return ColourCapture(images, sequence, exact, times, depth)
+    return ColourCapture(images, sequence, exact, times, depth, sensor.mosaic or "RGB")
 
 
 def _seen_at(scene: Scene, channel: int) -> Scene:

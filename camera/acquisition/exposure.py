@@ -64,24 +64,26 @@ def choose_exposure(
     bits: int,
     start_s: float,
     unit_s: float | None = None,
+    most: float = 1.0,
 ) -> tuple[float, Contrast]:
     """The longest exposure (s) at which at most 0.01 % of the pixels saturate, and its contrast.
 
     take(exposure) sets the camera and returns the exposure that it accepted, an image of white, one of black.
-    unit_s: refresh of the display; the exposure is an integer multiple of it; None: any.
+    unit_s: refresh of the display; the exposure is an integer multiple of it; None: any. most: of full scale,
+    of white.
     InputError where even the shortest exposure saturates.
     """
 
     def whole(exposure: float) -> float:
         return exposure if unit_s is None else max(1, int(exposure / unit_s + 1e-6)) * unit_s
 
-    wanted, good = whole(start_s), None
+    wanted, good, top = whole(start_s), None, 2**bits - 1
     tried: set[float] = set()
     for _ in range(_STEPS):
         accepted, white, black = take(wanted)
         tried.add(wanted)
         found = contrast(white, black, bits)
-        if found.saturated <= _SATURATED:
+        if found.saturated <= _SATURATED and found.bright <= most:
             if good is None or accepted > good[0]:
                 good = accepted, found
             factor = _TOP / max(found.bright, 0.01)
@@ -91,8 +93,11 @@ def choose_exposure(
         if wanted in tried or abs(wanted / accepted - 1) < 0.05:
             break
     if good is None:
-        raise InputError(
-            f"expose: {100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, "
-            "at most 0.01 % may; close the lens, or dim the display"
+        what = (
+            f"{100 * found.saturated:.2f} % of the pixels saturate at {1e3 * accepted:.2f} ms, at most 0.01 %"
         )
+        if found.saturated <= _SATURATED:
+            bright, limit = round(found.bright * top), round(most * top)
+            what = f"white reaches {bright} of {top} levels at {1e3 * accepted:.2f} ms, at most {limit}"
+        raise InputError(f"expose: {what} may; close the lens, or dim the display")
     return good

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from optolever.errors import InputError
-from optolever.projector import Accepted, CameraLost, Capture, Identity, Image, Shown, Wanted
+from optolever.projector import Accepted, CameraLost, Capture, ColourCapture, Identity, Image, Shown, Wanted
 
 from ..recording import Logged, Recording
 
@@ -25,7 +25,7 @@ class Replay:
         if first is None:
             raise InputError(f"{folder}: holds no image")
         self._shape = next(
-            (one.image.pixels.shape for one in self.recording.images() if one.image.complete), (0, 0)
+            (one.image.pixels.shape[:2] for one in self.recording.images() if one.image.complete), (0, 0)
         )
 
     @property
@@ -109,8 +109,10 @@ class StillCamera:
 
     lost = 0
 
-    def __init__(self, capture: Capture, identity: Identity) -> None:
-        self._capture, self.identity = capture, identity
+    def __init__(self, capture: Capture | ColourCapture, identity: Identity) -> None:
+        self._images = capture.images if isinstance(capture, ColourCapture) else capture.frames
+        self._mosaic = capture.mosaic if isinstance(capture, ColourCapture) else ""
+        self._bits, self.identity = capture.bits, identity
         self._index = self._count = 0
         self._period = self._last = 0.0
 
@@ -127,8 +129,11 @@ class StillCamera:
     def configure(self, wanted: Wanted) -> Accepted:
         """The exposure is taken as it comes; size and bits are those of the images."""
         self._period = 0.0 if wanted.fps is None else 1 / wanted.fps
-        bits, size = self._capture.bits, self._capture.shape
-        return Accepted(wanted.exposure_s, *size, bits=bits, fps=wanted.fps, trigger=wanted.trigger)
+        rows, cols = self._images.shape[1:3]
+        return Accepted(
+            wanted.exposure_s, rows, cols, bits=self._bits, fps=wanted.fps, trigger=wanted.trigger,
+            mosaic=self._mosaic,
+        )  # fmt: skip
 
     def start(self) -> None:
         """Always runs."""
@@ -145,7 +150,7 @@ class StillCamera:
                 return None
         now = self._last = time.monotonic()
         self._count += 1
-        return Image(self._capture[self._index], self._count, now, now)
+        return Image(self._images[self._index], self._count, now, now)
 
     def stop(self) -> None:
         """Nothing runs."""

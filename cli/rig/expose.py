@@ -8,7 +8,7 @@ import optolever as ol
 from optolever import InputError
 
 from ..arguments import Opt, program
-from ..options import Json
+from ..options import Json, in_colour
 from ..outputs import OutputFile
 from ..printing import number, table, write_json
 from .opened import Changes, OpenedRig, levels_of, opened
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+
+#: Share of full scale that a channel of white keeps: one that clips costs the three frames of its picture.
+_MOST = 235 / 255
 
 SAMPLE = """
 $ optolever camera expose --rig rig.toml --mask mask.png
@@ -28,6 +31,7 @@ Exposure in rig.toml
 """
 
 
+COLOUR = Opt("--colour", "For patterns in colour: no channel beyond 235 of 255.")
 PNG = Opt("--mask FILE", "Also write the mask of the pixels that see the display.", OutputFile(".png"))
 
 
@@ -36,6 +40,7 @@ def command(
     rig: OpenedRig,
     changes: Changes = (),
     mask_path: Annotated[Path | None, PNG] = None,
+    colour: Annotated[bool, COLOUR] = False,
     json_path: Json = None,
 ) -> None:
     """Choose the longest exposure that saturates no pixel.
@@ -45,7 +50,7 @@ def command(
     """
     import cv2
 
-    chosen, seen = chosen_exposure(rig, ol.camera.devices_of(rig, changes))
+    chosen, seen = chosen_exposure(rig, ol.camera.devices_of(rig, changes), colour)
     numbers = {
         "exposure_ms": chosen.exposure_ms,
         "saturated_share": seen.saturated,
@@ -68,15 +73,18 @@ def command(
 
 
 def chosen_exposure(
-    rig: Path, devices: "ol.camera.Devices"
+    rig: Path, devices: "ol.camera.Devices", colour: bool = False
 ) -> "tuple[ol.camera.Devices, ol.camera.Contrast]":
-    """[devices] with the longest exposure that saturates no pixel, and its contrast."""
-    with opened(rig, devices, levels_of(rig, "black", "white"), running=False) as now:
+    """[devices] with the longest exposure that saturates no pixel, and its contrast; colour: in no channel,
+    all of them lit, more than 235 of 255 levels."""
+    shown = in_colour(levels_of(rig, "black", "white"), "none" if colour else None)
+    with opened(rig, devices, shown, running=False) as now:
         exposure_s, found = ol.camera.choose_exposure(
-            lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure)),
+            lambda exposure: _take(now, replace(devices.wanted(), exposure_s=exposure, colour=colour)),
             now.accepted.bits,
             1e-3 * devices.exposure_ms,
             now.display.refresh_s,
+            _MOST if colour else 1.0,
         )
     return replace(devices, exposure_ms=1e3 * exposure_s, focus=now.accepted.focus), found
 
@@ -94,4 +102,5 @@ def _take(
     if accepted.exposure_s <= 0:
         wrong = f"reports an exposure of {accepted.exposure_s:g} s, must be above 0"
         raise InputError(f"camera: {wrong}; set it with --set exposure_ms=MS")
-    return accepted.exposure_s, white.image.pixels, black.image.pixels
+    lit, dark = (one.image.pixels for one in (white, black))
+    return (accepted.exposure_s, *((lit, dark) if lit.ndim == 2 else (lit.max(axis=-1), dark.max(axis=-1))))

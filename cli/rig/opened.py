@@ -8,7 +8,7 @@ from typing import Annotated
 import optolever as ol
 
 from ..arguments import Opt
-from ..options import RigFile
+from ..options import RigFile, in_colour
 from ..printing import print_notices
 
 OpenedRig = Annotated[Path, Opt("--rig RIG.toml", "The rig: its scene, [devices] and [sync].", RigFile())]
@@ -21,10 +21,10 @@ Changes = Annotated[
 ]
 
 
-def sequence_of(rig: Path, text: str) -> "ol.patterns.Sequence":
-    """The sequence of that name on a rig's display."""
+def sequence_of(rig: Path, text: str, colour: str | None = None) -> "ol.patterns.Sequence":
+    """The sequence of that name on a rig's display; colour: of --colour."""
     pattern = ol.scene.load(rig).pattern
-    return ol.patterns.sequence_from_text(text, pattern.rows, pattern.cols)
+    return in_colour(ol.patterns.sequence_from_text(text, pattern.rows, pattern.cols), colour)
 
 
 def levels_of(rig: Path, *kinds: str) -> "ol.patterns.Sequence":

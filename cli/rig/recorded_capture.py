@@ -31,7 +31,7 @@ class RigCapture:
     """A capture, its images with their times, its duration, images lost by the camera; late: swaps over 1.5
     refreshes after their call."""
 
-    capture: "ol.projector.Capture"
+    capture: "ol.projector.Capture | ol.projector.ColourCapture"
     taken: tuple["ol.camera.Taken", ...]
     seconds: float
     lost: int
@@ -86,7 +86,7 @@ def capture_rig(
                     recorder.shown(one)
 
                 calls = {"on_image": recorder.image, "on_shown": note}
-                taken = tuple(now.acquire(timing, range(len(shown)), **calls))
+                taken = tuple(now.acquire(timing, range(shown.exposures), **calls))
         except (InputError, OSError, KeyboardInterrupt) as error:
             reason = reason_of(error) if isinstance(error, OSError) else str(error)
             there = f"what was taken so far is in {record} (optolever camera replay {record} --out DIR)"
@@ -94,7 +94,7 @@ def capture_rig(
                 raise KeyboardInterrupt(there) from error
             raise InputError(f"{reason}; {there}") from error
         seconds, lost = now.time.now() - begin, now.camera.lost
-    done = captured(taken, shown, now.accepted.bits, scene)
+    done = captured(taken, shown, now.accepted, scene)
     with ol.files.atomic_folder(out) as folder:
         done.save(folder)
         lines = (json.dumps(_line(one)) for one in taken)
@@ -132,16 +132,21 @@ def capture_now(
 def captured(
     taken: "Sequence[ol.camera.Taken]",
     shown: "ol.patterns.Sequence",
-    bits: int | None,
+    accepted: "ol.projector.Accepted | None",
     scene: "ol.scene.Scene | None" = None,
-) -> "ol.projector.Capture":
-    """A capture of the images of the first frames of a sequence; bits: None, all of the pixels'."""
+) -> "ol.projector.Capture | ol.projector.ColourCapture":
+    """A capture of the images of the first frames of a sequence, in colour of all its exposures; accepted:
+    None, all bits of the pixels."""
     import numpy as np
 
     frames = np.stack([one.image.pixels for one in taken])
     stamps = np.array([one.stamp_s for one in taken])
-    times = {"timestamps": stamps - stamps[0], "bits": bits or 8 * frames.dtype.itemsize}
-    return ol.projector.Capture(frames, shown[: len(taken)], scene, **times)
+    times, bits = stamps - stamps[0], 8 * frames.dtype.itemsize if accepted is None else accepted.bits
+    if shown.packing is None:
+        return ol.projector.Capture(frames, shown[: len(taken)], scene, times, bits)
+    if len(taken) < shown.exposures:
+        raise InputError(f"capture: {len(taken)} of {shown.exposures} pictures in colour; take it again")
+    return ol.projector.ColourCapture(frames, shown, scene, times, bits, accepted.mosaic if accepted else "")
 
 
 def _new_name(path: Path) -> Path:

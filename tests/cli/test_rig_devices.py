@@ -13,14 +13,16 @@ import cv2
 import numpy as np
 import pytest
 
+from optolever import InputError
+from optolever.calibration import load_colours
 from optolever.camera import Recorder, choose_exposure
 from optolever.camera.cameras import StillCamera
 from optolever.decode import Correspondence, Decoder, Response, estimate_profile
 from optolever.live import Prepared, prepare
 from optolever.patterns import sequence
-from optolever.projector import Capture, Image, capture
+from optolever.projector import NOMINAL_SENSOR, Capture, ColourCapture, Image, capture
 from optolever.reconstruct import HeightMap
-from optolever.scene import adjusted, dent_from_text, load, resize
+from optolever.scene import adjusted, dent_from_text, load, resize, trace
 
 from .conftest import Outcome, Program, Refused
 from .test_outputs import full_disk
@@ -34,6 +36,36 @@ def rig(tmp_path: Path) -> Path:
     replace(scene, dent="gaussian:peak=0.3,sigma=8").save(path)
     path.write_text(path.read_text() + '\n[devices]\ncamera = "virtual"\n\n[rest]\nnote = "kept"\n')
     return path
+
+
+@pytest.mark.parametrize("mosaic", [pytest.param(None, marks=pytest.mark.slow), "GRBG"])
+def test_a_rig_measures_in_colour(
+    mosaic: str | None, optolever: Program, refused: Refused, rig: Path, tmp_path: Path
+) -> None:
+    """The ramp, the response of the colours, then a third of the pictures; a recording gives them again."""
+    scene = load(rig)
+    replace(scene, sensor=replace(NOMINAL_SENSOR, mosaic=mosaic)).save(rig)
+    measure = ("camera", "measure", "--rig", rig, "--colour", "none")
+    refused([*measure, "--out", tmp_path / "m"], "--colour none needs [colour]", "response --colour")
+    only = (*measure, "--frames-only", "--sequence")
+    optolever(*only, "ramp", "--out", tmp_path / "ramp", "--keep")
+    assert ColourCapture.load(tmp_path / "ramp").mosaic == (mosaic or "RGB")
+    optolever("camera", "replay", tmp_path / "ramp.recording", "--out", tmp_path / "again")
+    ramps = [ColourCapture.load(tmp_path / name).images for name in ("ramp", "again")]
+    np.testing.assert_array_equal(*ramps)
+    optolever("response", tmp_path / "ramp", "--colour", "--scene", rig)
+    optolever(*measure, "--no-rest", "--out", tmp_path / "m")
+    found = Correspondence.load(tmp_path / "m/c.npz")
+    truth = trace(scene, dent_from_text(scene.dent or "flat", scene))
+    error = (found.u - truth.u)[4:-4, 4:-4][found.good[4:-4, 4:-4]]
+    assert np.sqrt(np.median(error**2) / 0.4549) < 0.05
+    known, taken = load_colours(rig), ColourCapture.load(tmp_path / "m/capture")
+    assert known is not None
+    with pytest.raises(InputError, match=f"pictures are {mosaic or 'RGB'}, the response is of"):
+        taken.unmixed(replace(known, mosaic=None if mosaic else "RGGB"))
+    folder = f"camera=folder:{tmp_path / 'grey'}"
+    optolever("camera", "measure", "--rig", rig, "--frames-only", "--out", tmp_path / "grey")
+    refused([*only, "ramp", "--set", folder, "--out", tmp_path / "p"], "takes grey pictures; raw, or grey")
 
 
 def sensor_frames(rig: Path, **words: Any) -> np.ndarray:
@@ -101,6 +133,11 @@ def test_exposure_is_the_longest_that_does_not_saturate() -> None:
     _, found = choose_exposure(take, 8, 0.01)
     assert found.saturated <= 1e-4
     assert 0.7 < found.bright < 1
+    exposure, found = choose_exposure(take, 8, 0.0119, most=235 / 255)  # which saturates nothing
+    assert exposure < 0.0119
+    assert 0.7 < found.bright <= 235 / 255
+    with pytest.raises(InputError, match=r"white reaches 254 of 255 levels at 11.90 ms, at most 235 may"):
+        choose_exposure(lambda _: take(0.0119), 8, 0.0119, most=235 / 255)
 
 
 class Queued(StillCamera):
@@ -114,7 +151,7 @@ class Queued(StillCamera):
         self._given = max(self._given + 1, exposed - 7)
         due = self._from + self._given / 50
         time.sleep(max(due - time.monotonic(), 0.0))
-        return Image(self._capture[self._index], self._given, due, due)
+        return Image(self._images[self._index], self._given, due, due)
 
 
 def test_no_reading_is_of_the_time_of_preparation(
