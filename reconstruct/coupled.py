@@ -161,8 +161,8 @@ class _Judged(NamedTuple):
 def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: bool) -> _Judged:
     """The height, its slopes judged after the errors of the rig are taken off; all pixels are flagged where
     no such rig can have taken the capture, unless `accept`."""
-    chi2, freedom, at_rest = solution.chi2, solution.freedom, measured.rest is not None
-    height = _height(solution)
+    (seen, problem, state, noise, chi2, freedom), at_rest = solution, measured.rest is not None
+    height = height_map(problem, state, seen, noise, None if math.isnan(chi2) else chi2, freedom)
     apart = contradicted(chi2, freedom)
     exact = scene.exact and measured.common_u(0.0) == 0
     if exact and not (apart and chi2 > LINEAR):
@@ -170,8 +170,7 @@ def _with_rig(solution: Solution, measured: Measurement, scene: Scene, accept: b
     typed = replace(scene, accuracy=TYPED) if exact else scene
     if at_rest and not accept and (found := mistakes(measured, scene)):
         return _Judged(refused(height), None, found[0])
-    moving = solution.state.unsettled
-    unsettled = None if moving is None else solution.problem.to_image(moving, False)
+    unsettled = None if state.unsettled is None else problem.to_image(state.unsettled, False)
     model = rig_model(measured, typed, height, unsettled)
     if model is None:
         return _Judged(height)
@@ -245,12 +244,6 @@ def solved_height(
     if CELLS in noise:  # neighbours share their errors
         chi2 /= 1 + float(np.median((noise[CELLS] / noise[NOISE])[problem.data.mask]))
     return Solution(correspondence, problem, state, noise, chi2, freedom)
-
-
-def _height(solution: Solution) -> HeightMap:
-    """The map of a solution."""
-    seen, problem, state, noise, chi2, freedom = solution
-    return height_map(problem, state, seen, noise, None if math.isnan(chi2) else chi2, freedom)
 
 
 def _wrong_pixels(problem: Problem, state: State, jumps: Doubt, scene: Scene) -> Mask:

@@ -3,7 +3,6 @@ equations of the mirror."""
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 from optolever.arrays import Floats
 from optolever.blocks import Work, over_rows
 from optolever.errors import InputError
-from optolever.scene import Scene
+from optolever.scene import Camera, Scene
 
 __all__ = [
     *("PAD", "RayField", "flat_mirror", "pattern_plane", "ray_field", "rest_distance", "rest_height"),
-    "traced_rays",
+    *("sagging_distance", "traced_rays"),
 ]
 
 _BLOCK = 1 << 14  # pixels at once: what they need stays in the cache
@@ -68,13 +67,11 @@ class RayField:
         )
 
 
-def ray_field(camera: Any) -> RayField:
+@lru_cache(maxsize=4)
+def ray_field(camera: Camera) -> RayField:
     """Rays of a camera's every pixel; the last ones are remembered: streams ask for the same again, on the
     grids of a rest capture and of a rig, too."""
-    try:
-        return _remembered(camera)
-    except TypeError:  # a camera that cannot be hashed
-        return traced_rays(camera)
+    return traced_rays(camera)
 
 
 def pattern_plane(scene: Scene) -> Floats:
@@ -92,6 +89,15 @@ def rest_distance(origins: Floats, directions: Floats) -> Floats:
     return distance
 
 
+def sagging_distance(origins: Floats, directions: Floats, scene: Scene) -> Floats:
+    """`rest_distance` to the mirror's form at rest."""
+    distance = rest_distance(origins, directions)
+    for _ in range(_FORM_STEPS if scene.rest_form is not None else 0):
+        x, y, _ = origins + distance * directions
+        distance = (rest_height(x, y, scene) - origins[2]) / directions[2]
+    return distance
+
+
 def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
     """z of the mirror at rest at x, y, mm."""
     form = scene.rest_form
@@ -100,12 +106,7 @@ def rest_height(x: Floats, y: Floats, scene: Scene) -> Floats:
     return form.height(x, y, scene.mirror)
 
 
-@lru_cache(maxsize=4)
-def _remembered(camera: Any) -> RayField:
-    return traced_rays(camera)
-
-
-def traced_rays(camera: Any) -> RayField:
+def traced_rays(camera: Camera) -> RayField:
     """Rays of a camera's every pixel, not remembered."""
     rows = np.arange(-PAD, camera.rows + PAD, dtype=np.float64)
     cols = np.arange(-PAD, camera.cols + PAD, dtype=np.float64)
@@ -164,13 +165,10 @@ def _by_rows(work: Work, rows: int, cols: int) -> None:
 
 def _reflected(scene: Scene, o: Floats, d: Floats) -> Floats:
     """`flat_mirror` of rays (3, n, W)."""
-    away = rest_distance(o, d)
-    ahead = away > 0
+    away, ahead = sagging_distance(o, d, scene), rest_distance(o, d) > 0
     out = d * np.array([1.0, 1.0, -1.0])[:, None, None]
     if scene.rest_form is not None and scene.rest_form.coefficients.any():
-        for _ in range(_FORM_STEPS):
-            x, y, _ = o + away * d
-            away = (rest_height(x, y, scene) - o[2]) / d[2]
+        x, y, _ = o + away * d
         hx, hy = scene.rest_form.slopes(x, y, scene.mirror)
         normal = np.stack([-hx, -hy, np.ones_like(hx)])
         out = d - 2 * (d * normal).sum(axis=0) / (normal * normal).sum(axis=0) * normal

@@ -23,7 +23,7 @@ from optolever.arrays import Floats, Ints, Labels, Mask, Pair
 from optolever.errors import InputError
 from optolever.scene import Camera, Scene
 
-from ..geometry import RayField, rest_distance, rest_height
+from ..geometry import RayField, rest_distance, rest_height, sagging_distance
 from ..measured import Measured
 
 __all__ = [
@@ -200,7 +200,7 @@ def _edge_samples(anchor: EdgeAnchor, scene: Scene, rays: RayField, mask: Mask) 
     for _ in range(3):  # the line's exact position: chord steps on the rays themselves
         along = along + (length - _rest_x(*rays_at(along))) / step
     origins, directions = rays_at(along)
-    distance = _rest_distance(origins, directions, scene)
+    distance = sagging_distance(origins, directions, scene)
     row, col = (lines, along) if axis == 1 else (along, lines)
     # one error common to the edge: the mean over its lines must not reduce it
     sigma = anchor.sigma * np.sqrt(lines.size) / np.abs(directions[2])
@@ -216,19 +216,10 @@ def _border_samples(scene: Scene, rays: RayField, mask: Mask) -> Samples:
     if not row.size:
         raise InputError("anchor = 'border': no pixel is valid")
     directions = rays.inner_directions[:, row, col]
-    distance = _rest_distance(rays.inner_origins[:, row, col], directions, scene)
+    distance = sagging_distance(rays.inner_origins[:, row, col], directions, scene)
     known = np.ones(row.size, np.bool_)
     own = np.full((row.size, 3), np.nan)
     return Samples(row.astype(float), col.astype(float), distance, np.zeros(row.size), known, own)
-
-
-def _rest_distance(origins: Floats, directions: Floats, scene: Scene) -> Floats:
-    """Along rays (3, M) to the mirror at rest, mm."""
-    distance = rest_distance(origins, directions)
-    for _ in range(3):  # a form of micrometres: each step leaves a slope's part of the last one
-        x, y, z = origins + distance * directions
-        distance = distance + (rest_height(x, y, scene) - z) / directions[2]
-    return distance
 
 
 def _rest_x(origins: Floats, directions: Floats) -> Floats:

@@ -29,7 +29,7 @@ from optolever.decode import Correspondence, SharedNoise
 from ..problem import Problem
 from ..solver.newton import State
 from .closed_form import unknown_variance
-from .monte_carlo import ErrorField, drawn_doubts, smooth_variance, smoothed, variance_by
+from .monte_carlo import ErrorField, drawn_doubts, smoothed, variance_by
 
 __all__ = [
     *("ANCHORS", "BEND", "CELLS", "DOUBTS", "LENS", "NOISE", "SHARED"),
@@ -61,7 +61,7 @@ def noise_sources(
         found |= {SHARED: common} if common.any() else {}
     if lens is not None:
         field = ErrorField(problem.to_grid(lens[0]), problem.to_grid(lens[1]))
-        found[LENS] = smooth_variance(problem, state, field)
+        found[LENS] = variance_by(problem, state, [field])
     if problem.data.whole_cells(problem.bridged):
         found[CELLS] = variance_by(problem, state, _cells(problem))
     if state.doubt is not None and state.problem.closed:
