@@ -94,7 +94,7 @@ def _colours(ramp: Path, rig: Path, mosaic: str | None, json_path: Path | None) 
         step("write")
         with ol.files.together():
             ol.calibration.store_colours(rig, found)
-            numbers = ("mix", "mix_sigma", "dark", "misfit", "leak")
+            numbers = ("mix", "mix_sigma", "dark", "misfit", "leak", "stripes")
             write_json(json_path, {name: getattr(found, name) for name in numbers})
     white = found.mix.sum(axis=1)
     shares = 100 * found.mix / white[:, None]
@@ -109,4 +109,5 @@ def _colours(ramp: Path, rig: Path, mosaic: str | None, json_path: Path | None) 
         "misfit": number(100 * found.misfit, "% of white"),
         "leak": f"{100 * found.leak:.2g} % of a channel remains in another (standard deviation, in sigma)",
     }
+    rows["stripes"] = found.stripes or "not known: pictures have no fringe, or channels differ elsewise"
     table(f"Colours in {rig}", rows)

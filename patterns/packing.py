@@ -20,6 +20,8 @@ __all__ = ["packed"]
 _FIRST = {"u": 0, "v": 2, "": 1}
 #: Levels of a ramp between black and white, to which the strides through them are prime.
 _LEVELS = 8
+#: Of the fringe that shows the display's stripes, cells.
+_PERIOD = 16.0
 _PACKED = ("phase", "white", "black", *BINARY_CODES)
 
 
@@ -29,9 +31,9 @@ def packed(sequence: Sequence, stripes: str = "none") -> Sequence:
     Fringes along u go to red, along v to blue, all else to green; then the coarsest groups move from the
     fullest channel to the emptiest while that makes fewer exposures. A whole fringe, a bit and its inverse,
     white and black stay in one channel, so that no gain of a channel comes between them. stripes: see
-    Packing. The sequence `ramp` becomes 21 uniform pictures that measure the mix and the curves of the
-    channels. InputError for other frames; for bits alone along u with stripes, which move their edges; for
-    fringes along u in several channels with stripes that are unknown.
+    Packing. The sequence `ramp` becomes 25 pictures that measure the mix and the curves of the channels, and
+    their stripes. InputError for other frames; for bits alone along u with stripes, which move their edges;
+    for fringes along u in several channels with stripes that are unknown.
 
     >>> from optolever.patterns import sequence
     >>> grey = sequence("phase", 480, 640, periods=(36, 32.7, 30))
@@ -87,7 +89,7 @@ def _shows_fringe_of_u(sequence: Sequence, groups: list[list[int]]) -> bool:
 
 def _ramp(sequence: Sequence, stripes: str) -> Sequence:
     """Black, red, green, blue, white; then eight levels twice in each channel, in three orders at once, so
-    that no channel follows another."""
+    that no channel follows another; four steps of a fringe along u in all channels, for the stripes."""
     levels = sorted({frame.level or 0 for frame in sequence.frames})
     inner = [level for level in levels if 0 < level < 255]
     if levels[0] > 0 or levels[-1] < 255 or len(inner) < _LEVELS:
@@ -98,8 +100,11 @@ def _ramp(sequence: Sequence, stripes: str) -> Sequence:
     for turn in range(2):
         of = [[(k * (2 * c + 1) + c + 3 * turn * c) % _LEVELS + 1 for k in order] for c in range(3)]
         rows += [(r, g, b) for r, g, b in zip(*of, strict=True)]
-    frames = tuple(Frame("uniform", level=level) for level in (0, *chosen, 255))
-    return replace(sequence, frames=frames, packing=Packing(tuple(rows), stripes))
+    frames = [Frame("uniform", level=level) for level in (0, *chosen, 255)]
+    for k in range(4):
+        rows.append((len(frames), len(frames) + 1, len(frames) + 2))
+        frames += 3 * [Frame("phase", axis="u", period_px=_PERIOD, shift=0.5 * k * np.pi)]
+    return replace(sequence, frames=tuple(frames), packing=Packing(tuple(rows), stripes))
 
 
 def _groups(sequence: Sequence) -> list[tuple[int, list[int]]]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, maximum_filter
 
 from optolever.errors import InputError
-from optolever.patterns import Frame, Sequence
+from optolever.patterns import STRIPES, Frame, Sequence
 from optolever.scene import MOSAICS
 from optolever.schema import require_shapes
 
@@ -45,7 +45,7 @@ class ColourResponse:
     """Camera and display in colour, in shares of the camera's white level: dark (3,), mix (3, 3) of camera by
     display, the standard deviations mix_sigma (3, 3), misfit (rms of the pictures it was measured from).
     levels (K,) of the display and their light (3, K) of each channel, 0 to 1; mosaic: one of MOSAICS, of raw
-    pictures, None: three values in every pixel."""
+    pictures, None: three values in every pixel; stripes: order of the display's, None: not measured."""
 
     dark: Annotated[Floats, "3"]
     mix: Annotated[Floats, "3 3"]
@@ -54,6 +54,7 @@ class ColourResponse:
     levels: Annotated[Floats, "K"]
     light: Annotated[Floats, "3 K"]
     mosaic: str | None = None
+    stripes: str | None = None
 
     def __post_init__(self) -> None:
         require_shapes(self)
@@ -62,6 +63,8 @@ class ColourResponse:
             raise InputError(f"colour: mix is {self.mix.tolist()}, its rows nearly agree; {cure}")
         if self.mosaic not in (None, *MOSAICS):
             raise InputError(f"colour: mosaic is {self.mosaic!r}, must be one of {', '.join(MOSAICS)}")
+        if self.stripes not in (None, *STRIPES):
+            raise InputError(f"colour: stripes is {self.stripes!r}, must be one of {', '.join(STRIPES)}")
 
     @property
     def leak(self) -> float:
@@ -85,6 +88,11 @@ def unmixed(
     packing, mosaic = sequence.packing, response.mosaic
     if packing is None:
         raise InputError("colour: the sequence is in grey; patterns.packed puts three frames in an exposure")
+    known = {response.stripes, packing.stripes} - {None, "unknown"}
+    if len(known) > 1 and any(frame.axis == "u" for frame in sequence.frames):
+        wrong = f"drawn for stripes {packing.stripes}, the display has {response.stripes}"
+        cure = f"show --colour {response.stripes}, or measure again: optolever response --colour"
+        raise InputError(f"colour: patterns are {wrong}; {cure}")
     planes_of = _checked(images, len(packing.exposures), mosaic)
     white, back = float(2**bits - 1), np.linalg.inv(response.mix)
     often = np.bincount(np.ravel(packing.exposures))

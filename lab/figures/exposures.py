@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.decode import decode
-from optolever.patterns import Sequence, packed, sequence_from_text
+from optolever.decode import Correspondence, decode
+from optolever.patterns import STRIPES, Sequence, packed, sequence_from_text
 from optolever.projector import (
     NOMINAL_SENSOR,
     Capture,
@@ -22,16 +22,19 @@ from optolever.projector import (
     capture_colour,
 )
 from optolever.reconstruct import reconstruct
-from optolever.scene import Display, Scene, dent_from_text, load, resize, trace
+from optolever.scene import Display, Scene, Surface, dent_from_text, load, resize, trace
 
 __all__ = ["CASES", "Case", "Compared", "compared"]
 
 Floats = NDArray[np.float64]
+Pictures = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Of a rig and its captures; mix: standard deviation by which the stored mix is off, and says so."""
+    """Of a rig and its captures; stripes: of the display and of the sequence, 'unknown': 'rgb', unknown to
+    the sequence; mix: standard deviation by which the stored mix is off, and says so; rest: heights are those
+    against a capture of the mirror at rest."""
 
     lag: float = 0.0
     flicker: float = 0.0
@@ -39,6 +42,7 @@ class Case:
     stripes: str = "none"
     mosaic: str | None = None
     mix: float = 0.0
+    rest: bool = False
 
 
 CASES: Mapping[str, Case] = {
@@ -49,6 +53,8 @@ CASES: Mapping[str, Case] = {
     "flicker 2 %": Case(flicker=0.02),
     "stripes": Case(stripes="rgb"),
     "mosaic": Case(mosaic="RGGB"),
+    "at rest": Case(rest=True),
+    "stripes unknown, at rest": Case(stripes="unknown", rest=True),
 }
 
 
@@ -78,31 +84,38 @@ def compared(
 
 
 def _runs(text: str, case: Case, seeds: int, scene: Scene, colour: bool) -> Iterator[Compared]:
-    stripes = None if case.stripes == "none" or not colour else case.stripes
+    stripes = {"none": None, "unknown": "rgb"}.get(case.stripes, case.stripes) if colour else None
     clean = replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mosaic=case.mosaic if colour else None)
     display = None if case.gamma is None else Display(gamma=case.gamma)
     pattern = replace(scene.pattern, stripes=stripes)
     scene = replace(scene, sensor=clean, display=display, pattern=pattern)
-    surface = dent_from_text(scene.dent or "flat", scene)
+    surface, flat = (dent_from_text(dent or "flat", scene) for dent in (scene.dent, "flat"))
     shown = sequence_from_text(text, scene.pattern.rows, scene.pattern.cols)
-    if colour:
-        taken = capture_colour(scene, surface, packed(shown, case.stripes))
-        light, shown = taken.images, taken.sequence
-    else:
-        light = capture(scene, surface, shown).frames
-    truth = trace(scene, surface)
-    for seed in range(seeds):
-        rng = np.random.default_rng(seed)
+    shown = packed(shown, case.stripes) if colour else shown
+
+    def light(surface: Surface) -> Pictures:
+        if colour:
+            return capture_colour(scene, surface, shown).images
+        return capture(scene, surface, shown).frames
+
+    def taken(light: Pictures, rng: np.random.Generator) -> Correspondence:
         images = _levels(light, case, rng)
         frames = _unmixed(images, shown, case, rng) if colour else Capture(images, shown)
-        found = decode(frames.frames, frames.sequence)
+        return decode(frames.frames, frames.sequence)
+
+    pressed, rest = light(surface), light(flat) if case.rest else None
+    truth, common = trace(scene, surface), _common(case, colour)
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        found = taken(pressed, rng)
         ratios = []
-        for axis in "uv":
-            error = getattr(found, axis) - getattr(truth, axis)
+        for axis, off in zip("uv", (common, 0.0), strict=True):
+            error = getattr(found, axis) - getattr(truth, axis) - off
             ratios.append((error / getattr(found, f"sigma_{axis}"))[found.good])
         places = np.concatenate(ratios)
-        heights = reconstruct(found, scene)
-        error, own = (heights.z - truth.z)[heights.good], heights.sigma[heights.good]
+        heights = reconstruct(found, scene, rest=None if rest is None else taken(rest, rng))
+        rig = 0.0 if heights.calibration_sigma is None else heights.calibration_sigma
+        error, own = (heights.z - truth.z)[heights.good], np.hypot(heights.sigma, rig)[heights.good]
         yield Compared(
             shown.exposures,
             1e6 * float(np.sqrt(np.mean(error**2))),
@@ -114,9 +127,12 @@ def _runs(text: str, case: Case, seeds: int, scene: Scene, colour: bool) -> Iter
         )
 
 
-def _levels(
-    light: NDArray[np.uint8] | NDArray[np.uint16], case: Case, rng: np.random.Generator
-) -> NDArray[np.uint8]:
+def _common(case: Case, colour: bool) -> float:
+    """Cells by which all u are off: red lies aside, and the sequence does not know it."""
+    return -STRIPES["rgb"][0] if colour and case.stripes == "unknown" else 0.0
+
+
+def _levels(light: Pictures, case: Case, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Pictures of 8 bits with photon and read noise."""
     level = light / np.iinfo(light.dtype).max * 255 - NOMINAL_SENSOR.offset
     level[1:] = (1 - case.lag) * level[1:] + case.lag * level[:-1]

@@ -19,7 +19,7 @@ def _ramp(seed: int = 0, dim_white: float = 0.0, gain: float = 0.9) -> ColourCap
     are lit together lose light."""
     shown, rng = packed(sequence("ramp", 8, 8)), np.random.default_rng(seed)
     assert shown.packing is not None
-    levels = np.array([frame.level for frame in shown.frames])[np.array(shown.packing.exposures)] / 255
+    levels = np.array([frame.level or 0 for frame in shown.frames])[np.array(shown.packing.exposures)] / 255
     light = levels ** np.array(_GAMMAS)
     light = light * (1 - dim_white * light.prod(axis=1, keepdims=True) ** (1 / 3))
     fall = 1 - 0.3 * np.square(np.linspace(-1, 1, 60))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError
+from optolever.calibration import measure_colours
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, packed, sequence_from_text
 from optolever.projector import (
@@ -164,6 +165,29 @@ def test_stripes_are_tested_by_bits(true: str, stated: str) -> None:
     assert named == (true != stated)
     error, sigma = _off(found, scene, "u")
     assert np.mean(np.abs(error) > 3 * sigma) < 0.01
+
+
+@pytest.mark.parametrize("stripes", [None, "rgb", "bgr"])
+def test_stripes_are_measured_and_others_refused(stripes: str | None) -> None:
+    """Of whatever the ramp was drawn for; `phase` shows wrong stripes by nothing else."""
+    scene, response = _scene(), None
+    for stated in ("rgb", "none", "unknown"):
+        shown = _packed("ramp", stated)
+        images = _levels(seen_pictures(scene, shown, stripes, 120, 160), 3)
+        response = measure_colours(ColourCapture(images, shown))
+        assert response.stripes == (stripes or "none")
+        assert np.abs(response.mix * 3 / response.mix.sum() - MIX).max() < 0.003
+    assert response is not None
+    for stated in ("rgb", "bgr", "none", "unknown"):
+        shown = _packed("gray+phase", stated)
+        images = np.full((shown.exposures, 8, 8, 3), 99, np.uint8)
+        if stated in (response.stripes, "unknown"):
+            unmixed(images, shown, response)
+            continue
+        with pytest.raises(
+            InputError, match=f"drawn for stripes {stated}, the display has {response.stripes}"
+        ):
+            unmixed(images, shown, response)
 
 
 @pytest.mark.parametrize("text", ["phase:periods=9/10/11", "gray+phase"])
