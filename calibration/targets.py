@@ -10,14 +10,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from optolever.arrays import Floats
 from optolever.errors import InputError
-from optolever.scene import Mirror
+from optolever.scene import Mirror, legendre_form, legendre_orders
 
 __all__ = ["Ball", "Flat", "Plate", "Rest", "Shape", "Target", "target_from_text"]
 
@@ -54,7 +52,7 @@ class _Form:
         table[0, 0], table[1, 0], table[0, 1] = height, 0.5 * a * mirror.length, 0.5 * b * mirror.width
         for key, at in _names(prefix, order).items():
             table[at] = values[key]
-        return _legendre(table, mirror)
+        return legendre_form(table, mirror)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,38 +159,5 @@ def _require(record: object, *names: str) -> None:
 @lru_cache
 def _names(prefix: str, order: int) -> dict[str, tuple[int, int]]:
     """Names of the Legendre shapes of total order 2 to `order`, with their orders along x and y."""
-    return {
-        f"{prefix}.L{total - j}{j}": (total - j, j) for total in range(2, order + 1) for j in range(total + 1)
-    }
-
-
-def _legendre(table: Floats, mirror: Mirror) -> Shape:
-    """sum c_ij P_i(2 x / L - 1) P_j(2 y / W - 1)."""
-    order = len(table) - 1
-    table = _monomials(order).T @ table @ _monomials(order)  # of s^i t^j, i + j <= order: by Horner's scheme
-    rows = [line[order - i :: -1] for i, line in enumerate(table.tolist())][::-1]
-
-    def shape(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        s, t = 2 / mirror.length * x - 1, 2 / mirror.width * y - 1
-        z, by_s, by_t = np.zeros((3, *x.shape))
-        for highest, *others in rows:
-            value: Any = highest
-            slope: Any = 0.0
-            for c in others:
-                slope = slope * t + value
-                value = value * t + c
-            by_s = by_s * s + z
-            z = z * s + value
-            by_t = by_t * s + slope
-        return z, 2 / mirror.length * by_s, 2 / mirror.width * by_t
-
-    return shape
-
-
-@lru_cache
-def _monomials(order: int) -> Floats:
-    """Rows: coefficients of the Legendre polynomials up to `order` in powers."""
-    rows = [
-        np.pad(legendre.leg2poly(unit[: k + 1]), (0, order - k)) for k, unit in enumerate(np.eye(order + 1))
-    ]
-    return np.stack(rows)
+    count = (order + 1) * (order + 2) // 2 - 3
+    return {f"{prefix}.L{i}{j}": (i, j) for i, j in legendre_orders(count)}

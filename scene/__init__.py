@@ -23,7 +23,7 @@ TOML only.
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera
 from .covariance import TYPED, Accuracy, Covariance
 from .dents import dent, dent_from_text, dent_names, dent_parameters
-from .mirror import Layer, Medium, Mirror, RestForm
+from .mirror import Layer, Medium, Mirror, RestForm, legendre_form, legendre_orders
 from .parameters import (
     GAUGE_HELD,
     adjusted,
@@ -47,9 +47,9 @@ __all__ = [
     "GAUGE_HELD", "MOSAICS", "TYPED", "Accuracy", "Bow", "Camera", "Covariance", "Display", "Face", "Formula",
     "Grid", "Layer", "Medium", "Mirror", "Pattern", "PatternShape", "PinholeCamera", "PointTable",
     "RestForm", "Scene", "Sensor", "Surface", "TelecentricCamera", "Trace", "TypedRig", "adjusted",
-    "dent", "dent_from_text", "dent_names", "dent_parameters", "load", "mean_beside", "movement",
-    "parameter_changes", "parameter_values", "preset_names", "prism_camera", "prism_pattern",
-    "resize", "rig_covariance", "rig_table", "rig_toml", "scene_window", "shifted", "strided",
-    "surface_from_array", "trace", "typed_covariance", "typed_sigmas", "without_rest_form",
-    "write_sections",
+    "dent", "dent_from_text", "dent_names", "dent_parameters", "legendre_form", "legendre_orders",
+    "load", "mean_beside", "movement", "parameter_changes", "parameter_values", "preset_names",
+    "prism_camera", "prism_pattern", "resize", "rig_covariance", "rig_table", "rig_toml", "scene_window",
+    "shifted", "strided", "surface_from_array", "trace", "typed_covariance", "typed_sigmas",
+    "without_rest_form", "write_sections",
 ]  # fmt: skip

@@ -5,9 +5,10 @@ measures it, the medium in front, whose boundary it is, and the elastic layer th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated
+from functools import lru_cache, partial
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -16,7 +17,7 @@ from optolever import InputError
 
 from .fields import Float, Record, freeze, non_negative, positive
 
-__all__ = ["Layer", "Medium", "Mirror", "RestForm", "legendre_orders"]
+__all__ = ["Layer", "Medium", "Mirror", "RestForm", "legendre_form", "legendre_orders"]
 
 #: From gels to hard rubber, from films to blocks; the unit, and the one that is typed by mistake.
 _PLAUSIBLE = {
@@ -72,15 +73,11 @@ class RestForm(Record):
 
     def height(self, x: Float, y: Float, mirror: Mirror) -> Float:
         """z in mm at x, y."""
-        return self._sum(self._table, x, y, mirror)
+        return legendre_form(self._table, mirror)(x, y)[0]
 
     def slopes(self, x: Float, y: Float, mirror: Mirror) -> tuple[Float, Float]:
         """dz/dx and dz/dy at x, y."""
-        along, across = (np.asarray(legendre.legder(self._table, axis=axis), np.float64) for axis in (0, 1))
-        return (
-            2 / mirror.length * self._sum(along, x, y, mirror),
-            2 / mirror.width * self._sum(across, x, y, mirror),
-        )
+        return legendre_form(self._table, mirror)(x, y)[1:]
 
     @property
     def _table(self) -> Float:
@@ -91,10 +88,38 @@ class RestForm(Record):
             table[order] = c
         return table
 
-    @staticmethod
-    def _sum(table: Float, x: Float, y: Float, mirror: Mirror) -> Float:
-        z = legendre.legval2d(2 * x / mirror.length - 1, 2 * y / mirror.width - 1, table)
-        return np.asarray(z, dtype=np.float64)
+
+def legendre_form(table: Float, mirror: Mirror) -> Callable[[Float, Float], tuple[Float, Float, Float]]:
+    """The surface sum table[i, j] P_i(2 x / length - 1) P_j(2 y / width - 1) over i + j < len(table), mm: z,
+    dz/dx and dz/dy at x, y."""
+    order = len(table) - 1
+    table = _monomials(order).T @ table @ _monomials(order)  # of s^i t^j, i + j <= order: by Horner's scheme
+    rows = [line[order - i :: -1] for i, line in enumerate(table.tolist())][::-1]
+
+    def form(x: Float, y: Float) -> tuple[Float, Float, Float]:
+        s, t = 2 / mirror.length * x - 1, 2 / mirror.width * y - 1
+        z, by_s, by_t = np.zeros((3, *x.shape))
+        for highest, *others in rows:
+            value: Any = highest
+            slope: Any = 0.0
+            for c in others:
+                slope = slope * t + value
+                value = value * t + c
+            by_s = by_s * s + z
+            z = z * s + value
+            by_t = by_t * s + slope
+        return z, 2 / mirror.length * by_s, 2 / mirror.width * by_t
+
+    return form
+
+
+@lru_cache
+def _monomials(order: int) -> Float:
+    """Rows: coefficients of the Legendre polynomials up to `order` in powers."""
+    rows = [
+        np.pad(legendre.leg2poly(unit[: k + 1]), (0, order - k)) for k, unit in enumerate(np.eye(order + 1))
+    ]
+    return np.stack(rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from lab.live.world import BALL
 from optolever import InputError
 from optolever.decode import Correspondence, Flag
-from optolever.reconstruct import budget, contacts, reconstruct
+from optolever.reconstruct import contacts, reconstruct
 from optolever.scene import Scene, load, resize, trace
 from optolever.scene import dent_from_text as dent
 
@@ -84,21 +83,3 @@ def test_a_camera_that_drifts_beyond_its_prior_hides_no_contact(hours: int, tmp_
     press = seen(rig(hours), "gaussian:peak=0.02,sigma=10,x=70,y=50", hours)
     (found,) = contacts(reconstruct(press, rig(0), rest=seen(rig(0), "flat", 99)))
     assert abs(found.depth - 0.02) < 2 * found.depth_sigma < 0.02
-
-
-SAG = "sag under the load, motion since rest"
-ONE = ((BALL, 30.0, 22.0, 4.0, 0.05),)
-TWO = ((BALL, 22.0, 15.0, 3.0, 0.05), (BALL, 38.0, 30.0, 4.0, 0.04))
-
-
-@pytest.mark.parametrize("exact", [True, False])
-@pytest.mark.parametrize("dents", [ONE, TWO], ids=["one", "two"])
-def test_the_sag_under_balls_on_a_half_space_comes_off(dents: Any, exact: bool) -> None:
-    scene = resize(load("prism48", exact=exact), 120, 160)
-    rest, _ = pressed_half_space(scene, (), 0.003, 1)
-    seen, true = pressed_half_space(scene, dents, 0.03, 2)
-    height = reconstruct(seen, scene, rest=rest)
-    good, error = height.good, height.z - true
-    assert 0.3 < float(np.sqrt(np.mean(np.square((error / height.total_sigma)[good])))) < 1.3
-    assert np.sqrt(np.mean(np.square((error / height.sigma)[good]))) < 2.5  # above 10 with it
-    assert budget(height)["height (deepest)"][SAG] > 0

@@ -79,6 +79,7 @@ def test_refused(case, fields: dict[str, Any], arguments: dict[str, Any], words:
         ("contacts", '[{"x": []}]', "contacts[0].x is [], must be a number"),
         ("diagnostics", '{"method": 5}', "diagnostics.method is 5, must be text"),
         ("diagnostics", "[", "diagnostics is no JSON"),
+        ("notices", ["no json"], "notices is no JSON"),
         ("notices", ['{"name": "a", "size": null}'], "notices[0].size is None, must be a number"),
         ("flags", np.zeros(SHAPE), "flags is float64 of shape (24, 32), must be an array of whole numbers"),
         ("sigma", np.zeros((24, 31)), "sigma has shape (24, 31), must be H (24) x W (32)"),
@@ -87,6 +88,11 @@ def test_refused(case, fields: dict[str, Any], arguments: dict[str, Any], words:
         ("own", 3, "own is 3, must be 0 to 0"),
         ("z", np.full(SHAPE, -1e38), "z is 1e+38, must be at most 1e+18 in size"),
         ("x", np.full(SHAPE, np.nan), "x is nan at pixel (0, 0), which has no flag"),
+        ("y", np.full(SHAPE, np.inf), "y is inf at pixel (0, 0), which has no flag"),
+        ("z", np.full(SHAPE, np.nan), "z is nan at pixel (0, 0), which has no flag"),
+        ("modes_step", np.nan, "modes_step is nan, must be a whole number"),
+        ("own", np.inf, "own is inf, must be a whole number"),
+        ("displacement", 0.0, "displacement has shape (), must be m x 2 x 3"),
     ],
 )
 def test_a_damaged_height_map_names_file_and_field(name: str, value: Any, words: str, tmp_path: Path) -> None:

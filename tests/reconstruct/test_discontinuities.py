@@ -14,7 +14,7 @@ from .conftest import scores
 BALL = "ball:peak=2.452,radius=186.5,"
 
 
-@pytest.mark.daily(3)
+@pytest.mark.daily(9)
 @pytest.mark.parametrize(
     ("preset", "dent", "size", "sigma", "noise", "seed", "good"),
     [
@@ -22,6 +22,8 @@ BALL = "ball:peak=2.452,radius=186.5,"
         ("paper-simulation", "rounded-needle:peak=8", (96, 96), 0.05, 0.05, 0, 0.98),
         ("monitor-mirror", "needle", (96, 96), 0.05, 0.05, 0, 0.98),
         ("monitor-mirror", "needle", (60, 70), 1e-4, 1e-4, 1, 0.93),
+        # two pixels alone in a row, beside excluded ones: their edge counts no more than the edges around
+        *(("paper-simulation", "ridge:angle_deg=30", (60, 70), 1e-4, 1e-4, seed, 0.93) for seed in range(6)),
         # one side agrees by accident in the very edges that a curved rim's slopes jump in, and all of these
         # are off to the same side: what is inside stands as a whole too low
         ("paper-simulation", BALL + "x=24.03,y=77.63", (169, 117), 0.01, 0.004, 11, 0.985),
@@ -34,15 +36,6 @@ def test_no_silent_error_around_steep_dents(exact, noisy, preset, dent, size, si
     assert (height.flags & (HeightFlag.STEEP | HeightFlag.CURL)).any()
     assert height.good.mean() > good
     assert np.nanmax(np.abs(scores(height, truth))) < 5.0
-
-
-def test_no_silent_error_beside_a_ridge_whatever_the_noise(exact, noisy) -> None:
-    """Two pixels alone in a row, beside excluded ones: their edge counts no more than the edges around."""
-    scene, truth, _ = exact("paper-simulation", "ridge:angle_deg=30", 60, 70)
-    for seed in range(6):
-        height = reconstruct(noisy(truth, 1e-4, 1e-4, seed), scene)
-        assert height.good.mean() > 0.93, seed
-        assert np.nanmax(np.abs(scores(height, truth))) < 5.0, seed
 
 
 def test_a_punch_is_as_low_as_its_sigma_says() -> None:

@@ -125,13 +125,6 @@ def test_a_mesh_is_read_by_trimesh(plane: HeightMap, tmp_path: Path, suffix: str
         assert told["up"] > 0.9
 
 
-def test_tiff_of_the_pixels_or_of_a_grid(plane: HeightMap, tmp_path: Path) -> None:
-    plane.export(tmp_path / "pixels.tif")
-    plane.export(tmp_path / "grid.tif", 0.5)
-    assert tifffile.imread(tmp_path / "pixels.tif").shape == (ROWS, COLS)
-    assert tifffile.imread(tmp_path / "grid.tif").shape == plane.resample(0.5).z.shape
-
-
 def test_unknown_suffixes_are_refused_and_the_known_ones_named(
     plane: HeightMap, grid: Grid, tmp_path: Path, refused: Any
 ) -> None:
@@ -149,6 +142,9 @@ def test_export_by_the_command_line(plane: HeightMap, tmp_path: Path, refused: A
     assert run(["export", str(tmp_path / "h.npz"), *map(str, files), "--pitch", "0.5"]) == 0
     assert all(path.stat().st_size > 500 for path in files)
     np.testing.assert_allclose(Grid.load(tmp_path / "out.npz").z, plane.resample(0.5).z, atol=1e-6)
+    assert tifffile.imread(tmp_path / "out.tif").shape == plane.resample(0.5).z.shape
+    plane.export(tmp_path / "pixels.tif")
+    assert tifffile.imread(tmp_path / "pixels.tif").shape == (ROWS, COLS)
     refused(["export", tmp_path / "h.npz", tmp_path / "out.wft"], "no disc", "--aperture circle")
 
 
@@ -196,31 +192,6 @@ def test_modes_lie_on_a_coarse_grid_in_the_file_and_on_all_pixels_when_read(
 def test_resample_refuses(plane: HeightMap, pitch: float) -> None:
     with pytest.raises(InputError, match="pitch"):
         plane.resample(pitch)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("x", np.nan),
-        ("y", np.inf),
-        ("z", np.nan),
-        ("flags", np.float64(-1.0)),
-        ("modes_step", np.array(np.nan)),
-        ("own", np.array(np.inf)),
-        ("displacement", np.array(0.0)),
-        ("modes", np.zeros(3)),
-    ],
-)
-def test_a_file_of_wrong_fields_is_refused(
-    plane: HeightMap, tmp_path: Path, field: str, value: Any, refused: Any
-) -> None:
-    """Names file and field."""
-    plane.save(tmp_path / "h.npz")
-    arrays = dict(np.load(tmp_path / "h.npz"))
-    whole = field in ("x", "y", "z", "flags")
-    arrays[field] = np.full(arrays[field].shape, value) if whole else value
-    np.savez(tmp_path / "h.npz", **arrays)
-    refused(["form", tmp_path / "h.npz", "--remove", "tilt"], "h.npz", field)
 
 
 def test_nothing_to_write(tmp_path: Path) -> None:
