@@ -123,7 +123,7 @@ def devices_of(rig: Path, changes: Iterable[str] = ()) -> Devices:
         if value is not None and not value > 0:
             raise InputError(f"{where}: {name} is {value!r}, must be above 0")
     if not devices.camera:
-        cure = "give --set camera=ADDRESS (optolever camera devices)"
+        cure = "give --set camera=ADDRESS (optolever doctor)"
         raise InputError(f"{where}: camera is missing; {cure}")
     return devices
 
@@ -197,7 +197,7 @@ def _camera(rig: Path, devices: Devices, shown: Sequence) -> Camera:
 def _window(devices: Devices, shown: Sequence, stack: ExitStack) -> tuple[Any, tuple[str, ...]]:
     """A PatternWindow on the monitor of that name, or a plain one; faults of the monitor."""
     if not devices.display:
-        cure = "--set display=NAME (optolever camera devices lists them), or window"
+        cure = "--set display=NAME (optolever doctor lists them), or window"
         raise InputError(f"display: must be given, {cure}")
     if devices.display == "window":
         return stack.enter_context(PatternWindow(shown)), ()

@@ -9,7 +9,7 @@
 - `printing`: tables, progress, JSON
 - `rig/`: `rig new`, `start`, `camera expose`, `camera sync`; devices of a rig opened, captures by them
 - one file a command, named as it: `demo`, `doctor`, `show`, `simulate`, `decode`, `explain`, `reconstruct`,
-  `calibrate`, `report`, `live`, `design`; `camera` with `devices`, `record`, `replay`, `measure`; `form`,
+  `calibrate`, `report`, `live`, `design`; `camera` with `record`, `replay`, `measure`; `form`,
   `export`, `sample`, `response`
 """
 

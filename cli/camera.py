@@ -7,4 +7,4 @@ from .commands import CAMERA, Commands
 
 @click.group("camera", cls=Commands, sections={"Commands": CAMERA})
 def command() -> None:
-    """Camera: devices, expose, sync, record, replay, measure."""
+    """Camera: expose, sync, record, replay, measure."""

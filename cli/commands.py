@@ -14,7 +14,7 @@ SECTIONS: Mapping[str, tuple[str, ...]] = {
     ),
     "Further commands": ("camera", "form", "export", "sample", "response"),
 }
-CAMERA = ("devices", "expose", "sync", "record", "replay", "measure")
+CAMERA = ("expose", "sync", "record", "replay", "measure")
 #: Modules that are not named as their command.
 MODULES = {"rig": "rig.new"} | {name: f"rig.{name}" for name in ("start", "expose", "sync")}
 

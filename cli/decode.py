@@ -229,7 +229,7 @@ def _read(
     shown = shown_sequence(text, display)
     if shown.packing is not None:
         raise InputError(f"--sequence {text}: is in colour; take --description of the capture.toml by show")
-    return ol.projector.Capture.from_pictures(sources, shown, channel=channel)
+    return ol.projector.Capture.load(sources, shown, channel=channel)
 
 
 def _response(path: Path) -> "ol.decode.Response":

@@ -1,19 +1,20 @@
-"""`optolever doctor`: available and missing components of this machine, and the cost of their absence."""
+"""`optolever doctor`: available and missing components of this machine, and the cost of their absence;
+cameras and monitors, each with its address."""
 
 import importlib.metadata
 import importlib.util
-import os
 import platform
-import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import optolever as ol
+from optolever import InputError
 from optolever.blocks import threads
 
 from .arguments import program
 from .options import Json
-from .printing import table, write_json
+from .printing import grid, print_notices, table, write_json
 
 SAMPLE = """
 $ optolever doctor
@@ -24,6 +25,12 @@ Found
   ...
 Missing
   nothing
+Cameras
+camera                                      model         serial  formats    note
+v4l2:/dev/v4l/by-id/usb-Maker_Cam_123-...   Cam: Cam      123     GREY YUYV
+gige:192.168.0.12                           acA1920-40gm  22781
+Monitors
+  0  DELL U2412M:YMYH1234 (1200 x 1920, 60 Hz, 324 x 518 mm, 8 bits)
 """
 
 CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
@@ -39,21 +46,37 @@ NONE = {
 
 @program("doctor", SAMPLE)
 def command(json_path: Json = None) -> None:
-    """Say what OpenGL, cameras, monitors, extras there are."""
+    """Say what OpenGL, cameras, monitors, extras there are.
+
+    Cameras and monitors with the words that choose them: a camera's address or serial:NUMBER, a monitor's
+    model and serial (or its output), never a number that changes when something is plugged in. Besides:
+    camera=folder:DIR, replay:DIR, virtual; display=window.
+    """
+    from optolever.camera.cameras import find_cameras
+
     found = {
         "optolever": _version("optolever") or "not installed",
         "python": f"{platform.python_version()}, {platform.platform(terse=True)}",
         "cores": str(threads()),
         **{name: _version(name) or "missing" for name in CORE},
         "OpenGL": _guarded(lambda: str(ol.projector.context_info())),
-        "monitors": _guarded(_monitors),
-        "cameras": _guarded(_cameras),
         "numba cache": _guarded(_cache),
     }
     missing = _missing(found)
-    write_json(json_path, {"found": found, "missing": missing})
+    cameras, silent = find_cameras()
+    try:
+        shown = ol.projector.monitors()
+    except InputError as error:
+        shown, silent = [], silent | {"monitors": str(error)}
+    monitors = [asdict(one) | {"display": one.address, "faults": one.faults()} for one in shown]
+    devices = {"cameras": [asdict(one) for one in cameras], "not_looked_for": silent, "monitors": monitors}
+    write_json(json_path, {"found": found, "missing": missing, **devices})
     table("Found", found)
     table("Missing", missing or {"nothing": ""})
+    rows = [[one.address, one.model, one.serial, " ".join(one.formats[:4]), one.note] for one in cameras]
+    grid("Cameras", ("camera", "model", "serial", "formats", "note"), rows or [["none"]])
+    print_notices(silent.values())
+    print_monitors(shown)
 
 
 def _version(name: str) -> str | None:
@@ -71,20 +94,10 @@ def _guarded(probe: Callable[[], str]) -> str:
         return f"none: {' '.join(str(error).split()) or type(error).__name__}"
 
 
-def _monitors() -> str:
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return "none: no display (DISPLAY and WAYLAND_DISPLAY are unset)"
-
-    found = [str(text) for one in ol.projector.monitors() for text in (one, *one.faults())]
-    return "; ".join(found) or "none"
-
-
-def _cameras() -> str:
-    from optolever.camera.cameras import find_cameras
-
-    found, silent = find_cameras()
-    told = [f"{one.address} ({one.note or one.model})" for one in found]
-    return "; ".join((*told, *silent.values())) or "none"
+def print_monitors(found: "list[ol.projector.Monitor]") -> None:
+    """Number and name of each, and notices about settings that spoil patterns."""
+    table("Monitors", {str(one.index): str(one) for one in found} or {"none": ""})
+    print_notices(fault for one in found for fault in one.faults())
 
 
 def _cache() -> str:

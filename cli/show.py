@@ -9,7 +9,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, Opt, program
-from .devices import print_monitors
+from .doctor import print_monitors
 from .options import Colour, Json, in_colour, pixels, shown_sequence
 from .outputs import NewFolder, OutputFile
 from .printing import number, print_notices, table, write_json

@@ -262,7 +262,7 @@ def light_of(
     """
     stack = np.asarray(frames)
     if stack.ndim != 3 or 0 in stack.shape:
-        cure = "projector.Capture.from_pictures(folder, sequence).frames reads files, and makes colours grey"
+        cure = "projector.Capture.load(folder, sequence).frames reads files, and makes colours grey"
         raise InputError(f"decode: frames have shape {stack.shape}, must be (N, H, W); {cure}")
     if len(stack) != len(sequence):
         raise InputError(f"decode: {len(stack)} frames, sequence {sequence.name} describes {len(sequence)}")

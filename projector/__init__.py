@@ -12,13 +12,13 @@
 | `optics_gl.py`, `surface_gl.py`, `optics_numpy.py`, `rays.py` | light on the sensor: GLSL; float64 |
 | `electronics.py` | exposure, flicker, response, noise, quantisation: one function for both |
 | `colour_sensor.py` | the same in colour: crosstalk, stripes, mosaics |
-| `unmixing.py`, `colour_capture.py` | pictures of three frames each: unmixed; their folder |
-| `capture.py`, `folder.py` | `Capture` and its folder format |
-| `incoming.py` | pictures of other programs: which files, in which order, as which levels |
+| `capture.py`, `colour_capture.py`, `unmixing.py` | `Capture`; pictures of three frames each, unmixed |
+| `folder.py` | a capture as a folder, described by its `capture.toml` |
+| `reading.py` | pictures of a folder, of others too: which files, in which order, as which levels |
 """
 
 from .capture import Capture
-from .colour_capture import ColourCapture, in_colour, load_capture
+from .colour_capture import ColourCapture, load_capture
 from .colour_sensor import capture_colour
 from .context import ContextInfo, NoContextError, context_info
 from .devices import (
@@ -36,9 +36,10 @@ from .devices import (
 )
 from .display import PatternWindow, monitors
 from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
-from .folder import picture_files, write_description
+from .folder import in_colour, write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
+from .reading import picture_files
 from .renderer import PatternRenderer
 from .unmixing import ColourResponse, quads, unmixed
 from .virtual import RENDERERS, capture, chosen_renderer

@@ -18,10 +18,12 @@ from optolever.patterns import Sequence
 from optolever.records import Axes, plot_maps
 from optolever.scene import Scene, Trace
 
-from .folder import Image, bits_of, read_folder, write_folder
-from .incoming import Source, incoming
+from .folder import Description, write_folder
+from .reading import Source, described, read_frames, read_scene
 
 __all__ = ["Capture", "Image"]
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -111,31 +113,25 @@ class Capture:
 
         The folder must not hold files; it is complete or absent afterwards.
         """
-        write_folder(folder, self.frames, self.sequence, self.timestamps, self.bits, self.scene, truth)
+        shown = Description(self.sequence, times=self.timestamps, bits=self.bits)
+        write_folder(folder, self.frames, shown, self.scene, truth)
 
     @classmethod
-    def load(cls, folder: Source, description: str | Path | None = None, channel: str = "luminance") -> Self:
-        """Read a capture folder strictly.
-
-        description: a capture.toml elsewhere that describes the frames in `folder`, for captures made by
-        others; its `file` entries are relative to `folder`; if it has none, the pictures of `folder` (or of a
-        glob pattern, a file, a list: see from_pictures) are taken in natural order. channel: of pictures in
-        colour. InputError names file, field, value and limit.
-        """
-        return cls(**read_folder(folder, description, channel))
-
-    @classmethod
-    def from_pictures(
-        cls, source: Source, sequence: Sequence | None = None, *, channel: str = "luminance"
+    def load(
+        cls, source: Source, description: str | Path | Sequence | None = None, *, channel: str = "luminance"
     ) -> Self:
-        """Pictures that another program took of the N patterns of `sequence`, one each, in that order.
+        """Read a capture folder strictly, or pictures that another program took.
 
-        sequence: None: that of the folder's capture.toml (`load`).
-        source: a folder, a glob pattern, a file of several pictures (TIFF, NPY, video), or files; names are
-        sorted as people count. channel: red, green, blue or luminance.
-        InputError names the file, or the number of pictures and a remedy.
+        description: the sequence whose patterns they show, one each, in that order, or a capture.toml; None:
+        that of the folder. Where it names files, they are relative to the folder; else the pictures of a
+        folder, a glob pattern, a file of several (TIFF, NPY, video), or files are taken, whose names are
+        sorted as people count. channel: red, green, blue or luminance, of pictures in colour.
+        InputError names file, field, value and limit, or the number of pictures and a remedy.
         """
-        if sequence is None:
-            return cls.load(source, channel=channel)
-        frames, notices = incoming(source, sequence, channel)
-        return cls(frames, sequence, bits=bits_of(frames), notices=notices)
+        base, shown = described(source, description)
+        if shown.sequence.packing is not None:
+            cure = "optolever decode DIR --response RIG.toml makes frames of them"
+            raise InputError(f"{description or base}: pictures of three frames each (version 2); {cure}")
+        frames, bits, notices = read_frames(source, shown, channel, own=description is None)
+        scene = read_scene(base, shown, frames)
+        return cls(frames, shown.sequence, scene, shown.times, bits, notices)

@@ -200,7 +200,7 @@ def _initialise() -> None:
     except glfw.GLFWError as error:
         raise InputError(
             f"display: GLFW cannot start ({error}); set DISPLAY on a machine with a screen; optolever "
-            "patterns writes the pictures for another program"
+            "show --pictures writes them for another program"
         ) from error
 
 

@@ -45,11 +45,11 @@ def open_camera(address: str) -> Camera:
 
         return Replay(Path(name))
     if kind not in _BACKENDS or not name:
-        raise InputError(f"camera: {address!r}, must be {_KINDS}, or virtual (optolever camera devices)")
+        raise InputError(f"camera: {address!r}, must be {_KINDS}, or virtual (optolever doctor)")
     if name.isdigit() and kind in ("v4l2", "opencv"):
         raise InputError(
             f"camera: {address!r} is a number, which changes when something is plugged in; give the path, "
-            "such as v4l2:/dev/v4l/by-id/... (optolever camera devices)"
+            "such as v4l2:/dev/v4l/by-id/... (optolever doctor)"
         )
     opener: Callable[[str], Camera] = importlib.import_module(f"{__package__}.{_BACKENDS[kind]}").open_named
     return opener(name)

@@ -65,7 +65,7 @@ class AravisCamera:
         try:
             self._camera: int | None = self._library.call("camera_new", name.encode())
         except GlibError as error:
-            raise InputError(f"camera: {name}: {error} (optolever camera devices)") from error
+            raise InputError(f"camera: {name}: {error} (optolever doctor)") from error
         device = self._library.call("camera_get_device", self._camera)
         self._gige = bool(self._library.call("camera_is_gv_device", self._camera))
         if self._gige and not self._library.call("gv_device_is_controller", device):

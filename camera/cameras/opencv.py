@@ -34,7 +34,7 @@ class OpenCVCamera(Untriggered):
                 f"camera: opencv:{name} is a device, whose settings OpenCV hides; take v4l2:{name}"
             )
         if "://" not in name and not Path(name).exists():
-            raise InputError(f"camera: {name}: no such path; optolever camera devices lists cameras")
+            raise InputError(f"camera: {name}: no such path; optolever doctor lists cameras")
         self._capture = cv2.VideoCapture(name)
         if not self._capture.isOpened():
             raise InputError(f"camera: {name}: cannot be opened; busy, no permission, or no video")

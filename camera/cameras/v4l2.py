@@ -62,7 +62,7 @@ _BY_ID = Path("/dev/v4l/by-id")
 _REASONS = {
     errno.EBUSY: "busy: another program has it",
     errno.EACCES: "no permission: add the user to the group video",
-    errno.ENOENT: "no such path; optolever camera devices lists cameras",
+    errno.ENOENT: "no such path; optolever doctor lists cameras",
     errno.ENODEV: "gone: unplugged, or without power",
     errno.EIO: "input/output error",
 }

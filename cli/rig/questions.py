@@ -171,14 +171,9 @@ def questions_of(kind: str, *names: str) -> list[Question]:
 
 
 def typed_rig(values: Mapping[str, Any]) -> "ol.scene.TypedRig":
-    """The rig of answers by name. In place of a view there may be focal and pixel (mm), of a diagonal the
-    pitch (mm)."""
+    """The rig of answers by name."""
     kind, image = values["kind"], values["image"]
-    pitch = values.get("pitch") or 25.4 * values["diagonal"] / math.hypot(*values["display"])
-    accuracy = None
-    if values.get("focal") and values.get("pixel"):
-        focal = values["focal"] / values["pixel"]
-    elif values["view_width"]:
+    if values["view_width"]:
         focal, accuracy = image[1] * values["view_distance"] / values["view_width"], TAPE
     else:
         focal, accuracy = image[1] / (2 * math.tan(math.radians(30))), VIEW_60
@@ -188,7 +183,7 @@ def typed_rig(values: Mapping[str, Any]) -> "ol.scene.TypedRig":
     return ol.scene.TypedRig(
         **{name: values[name] for name in ("mirror", "display", "image", "distance")},
         **parts,
-        pitch=pitch,
+        pitch=25.4 * values["diagonal"] / math.hypot(*values["display"]),
         focal=focal,
         focal_accuracy=accuracy,
     )

@@ -132,7 +132,7 @@ def _lines(
                     raise InputError(f"The last reading: {text}")
         if count == frames:
             return _numbers(reading, readings.prepared)
-    raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
+    raise InputError("camera: no picture came; is it connected? (optolever doctor)")
 
 
 def _page(readings: "ol.live.Readings", page: Interviewer, frames: int | None, far: bool) -> dict[str, Any]:

@@ -189,7 +189,7 @@ def aim(begun: Begun, front: Interviewer) -> None:
             if sheet is not None and sheet.key == "escape":
                 raise GoTo
         if last is None:
-            raise InputError("camera: no picture came; is it connected? (optolever camera devices)")
+            raise InputError("camera: no picture came; is it connected? (optolever doctor)")
         seen = last.aim.seen
         fault = ol.calibration.aim_fault(seen, visible_share(scene))
         if seen == 0:

@@ -132,6 +132,6 @@ def test_show_writes_its_pictures_without_a_display(
     monkeypatch.setattr("optolever.projector.monitors", none)
     optolever("show", "--sequence", "gray", "--pixels", "16x12", "--pictures", tmp_path / "p")
     shown = sequence("gray", 12, 16)
-    found = Capture.from_pictures(tmp_path / "p", shown)
+    found = Capture.load(tmp_path / "p", shown)
     np.testing.assert_array_equal(found.frames, shown.render())
     assert Capture.load(tmp_path / "p").sequence == shown

@@ -10,18 +10,18 @@ import matplotlib
 import numpy as np
 import pytest
 
-from optolever.scene import PinholeCamera, load, rig_table, trace
+from optolever.scene import PinholeCamera, load, trace
 from optolever.scene import dent as dent_of
 
 from .conftest import Program
 
 MONITOR = shlex.split(
-    "--kind monitor --mirror 150x110 --display 1920x1080 --diagonal 24 --image 64x48 --focal 25.5 "
-    "--pixel 0.1 --angle 30 --distance 500 --display-distance 400"
+    "--kind monitor --mirror 150x110 --display 1920x1080 --diagonal 24 --image 64x48 --view-distance 510 "
+    "--view-width 128 --angle 30 --distance 500 --display-distance 400"
 )
 PRISM = shlex.split(
-    "--kind prism --pitch 0.0234 --mirror 60x45 --display 1080x1920 --image 64x48 --focal 12 --pixel 0.05 "
-    "--angle 50 --distance 120 --display-angle 48 --index 1.41"
+    "--kind prism --diagonal 2.0295 --mirror 60x45 --display 1080x1920 --image 64x48 --view-distance 240 "
+    "--view-width 64 --angle 50 --distance 120 --display-angle 48 --index 1.41"
 )
 
 
@@ -50,10 +50,10 @@ def test_a_monitor_stands_square_to_the_reflected_line_of_sight(optolever: Progr
 
 def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Path) -> None:
     out = tmp_path / "rig.toml"
-    optolever("rig", "new", *PRISM, "--bezel", "2", "--camera", "virtual", "--out", out)
+    optolever("rig", "new", *PRISM, "--bezel", "2", "--out", out)
     rig = load(out)
     a, b = math.radians(48), math.radians(50)
-    across = 0.5 * (45 - 1920 * 0.0234)  # centred
+    across = 0.5 * (45 - 1920 * 2.0295 * 25.4 / math.hypot(1080, 1920))  # centred
     corner = [2 * math.cos(a), across, 2 * math.sin(a)]
     np.testing.assert_allclose(rig.pattern.point(-0.5, -0.5), corner, atol=1e-9)
     np.testing.assert_allclose(rig.pattern.u_axis, [math.cos(a), 0, math.sin(a)], atol=1e-9)
@@ -64,7 +64,6 @@ def test_a_prism_has_its_faces_at_their_angles(optolever: Program, tmp_path: Pat
     origin, direction = rig.camera.rays_at(23.5, 31.5)  # square to the face it is not refracted
     np.testing.assert_allclose(direction, -face.normal, atol=1e-7)
     np.testing.assert_allclose(origin - origin[2] / direction[2] * direction, [30, 22.5, 0], atol=1e-5)
-    assert rig_table(out)["devices"] == {"camera": "virtual"}
     drawn = {line.get_label(): line.get_xydata() for line in rig.plot().lines}
     np.testing.assert_allclose(drawn["camera"], np.broadcast_to(rig.camera.origin[::2], (9, 2)))
     optolever("rig", "new", *PRISM, "--bezel", "2", "--across", "-1.5", "--out", out)

@@ -150,7 +150,7 @@ BAD: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "damaged": (flip_a_bit, ("002.png", "damaged")),
     "other size": (
         lambda folder: cv2.imwrite(str(folder / "frames/002.png"), np.zeros((12, 16), np.uint8)),
-        ("002.png", "12x16", "12x17", "000.png"),
+        ("002.png", "12x16", "12x17"),
     ),
     "unknown key": (edit("bits = 8", "bits = 8\nlens = 3"), ("capture.toml", "'lens'", "known are")),
     "file outside": (edit("frames/001.png", "../001.png"), ("frames[1]", "../001.png", "inside")),

@@ -40,16 +40,16 @@ def names(capture: Capture) -> list[str]:
 
 def test_a_folder_with_capture_toml_needs_no_sequence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no capture\.toml says what was shown"):
-        Capture.from_pictures(tmp_path)
+        Capture.load(tmp_path)
     Capture(frames(), SHOWN).save(tmp_path / "c")
-    assert Capture.from_pictures(tmp_path / "c").sequence == SHOWN
+    assert Capture.load(tmp_path / "c").sequence == SHOWN
 
 
 def test_names_are_sorted_as_people_count(tmp_path: Path) -> None:
     images = frames()
     folder = write(tmp_path / "shots", images)
     for source in (folder, str(folder / "img_*.png"), list(folder.iterdir())):
-        found = Capture.from_pictures(source, SHOWN)
+        found = Capture.load(source, SHOWN)
         np.testing.assert_array_equal(found.frames, images)
         assert (found.sequence, found.bits, found.notices) == (SHOWN, 8, ())
 
@@ -60,7 +60,7 @@ def test_lossless_formats_keep_every_level(suffix: str, dtype: Any, bits: int, t
     if suffix == "bmp" and bits > 8:
         pytest.skip("BMP holds 8 bits")
     images = frames(dtype, 2**bits - 1)
-    found = Capture.from_pictures(write(tmp_path / "a", images, f"{{}}.{suffix}"), SHOWN)
+    found = Capture.load(write(tmp_path / "a", images, f"{{}}.{suffix}"), SHOWN)
     np.testing.assert_array_equal(found.frames, images)
     assert (found.bits, found.notices) == (bits, ())
 
@@ -78,7 +78,7 @@ def test_one_file_of_all_frames(options: dict[str, Any] | None, tmp_path: Path) 
         cv2.imwritemulti(str(path), list(images), [cv2.IMWRITE_TIFF_COMPRESSION, 5])
     else:
         tifffile.imwrite(path, images, photometric="minisblack", **options)
-    found = Capture.from_pictures(path, SHOWN)
+    found = Capture.load(path, SHOWN)
     np.testing.assert_array_equal(found.frames, images)
     assert found.bits == 12
 
@@ -86,10 +86,10 @@ def test_one_file_of_all_frames(options: dict[str, Any] | None, tmp_path: Path) 
 def test_a_tiff_whose_0_is_white_is_turned_or_refused(tmp_path: Path) -> None:
     """OpenCV turns 8 bits and leaves 16 as they are."""
     tifffile.imwrite(tmp_path / "s.tif", 255 - frames(), photometric="miniswhite")
-    np.testing.assert_array_equal(Capture.from_pictures(tmp_path / "s.tif", SHOWN).frames, frames())
+    np.testing.assert_array_equal(Capture.load(tmp_path / "s.tif", SHOWN).frames, frames())
     tifffile.imwrite(tmp_path / "s.tif", frames(np.uint16, 4095), photometric="miniswhite")
     with pytest.raises(InputError, match="0 is white"):
-        Capture.from_pictures(tmp_path / "s.tif", SHOWN)
+        Capture.load(tmp_path / "s.tif", SHOWN)
 
 
 @pytest.mark.parametrize("codec", ["FFV1", "MJPG"])
@@ -102,7 +102,7 @@ def test_a_video_of_one_picture_per_pattern(tmp_path: Path, codec: str) -> None:
     for image in images:
         video.write(image)
     video.release()
-    found = Capture.from_pictures(path, SHOWN)
+    found = Capture.load(path, SHOWN)
     if codec == "MJPG":
         assert names(found) == ["pictures compressed with loss (JPEG, video)"]
     else:
@@ -115,13 +115,13 @@ def test_floating_point_becomes_levels_whatever_its_unit(tmp_path: Path) -> None
     images = frames()
     for unit, top in ((1 / 255, 65535 * (images.max() / 255)), (1.0, None), (1e6, None)):
         np.save(tmp_path / "s.npy", images * unit)
-        found = Capture.from_pictures(tmp_path / "s.npy", SHOWN).frames
+        found = Capture.load(tmp_path / "s.npy", SHOWN).frames
         np.testing.assert_allclose(found / found.max(), images / images.max(), atol=1e-4)
         assert top is None or found.max() == top
     broken = images / 255
     broken[3, 4, 5] = np.nan
     np.save(tmp_path / "s.npy", broken)
-    found = Capture.from_pictures(tmp_path / "s.npy", SHOWN)
+    found = Capture.load(tmp_path / "s.npy", SHOWN)
     assert not found.frames[:, 4, 5].any()
     assert names(found) == ["1 pixels are not finite in some picture"]
 
@@ -130,23 +130,23 @@ def test_colour_is_luminance_or_a_channel(tmp_path: Path) -> None:
     """Equal channels and alpha without a word; colours of different strength; one that is empty."""
     images = frames(top=200)
     alike = np.stack([*[images] * 3, np.full_like(images, 255)], -1)
-    found = Capture.from_pictures(write(tmp_path / "grey", alike), SHOWN)
+    found = Capture.load(write(tmp_path / "grey", alike), SHOWN)
     np.testing.assert_array_equal(found.frames, images)
     assert found.notices == ()
     red, green, blue = (np.rint(images * share).astype(np.uint8) for share in (1.0, 0.8, 0.5))
     folder = write(tmp_path / "c", np.stack([blue, green, red], -1))  # OpenCV writes blue first
-    whole = Capture.from_pictures(folder, SHOWN)
+    whole = Capture.load(folder, SHOWN)
     exact = 0.299 * red + 0.587 * green + 0.114 * blue
     assert np.abs(whole.frames - exact).max() <= 0.5
     assert "luminance is taken" in names(whole)[0]
     for channel, levels in (("red", red), ("green", green), ("blue", blue)):
-        found = Capture.from_pictures(folder, SHOWN, channel=channel)
+        found = Capture.load(folder, SHOWN, channel=channel)
         np.testing.assert_array_equal(found.frames, levels)
         assert found.notices == ()
     folder = write(tmp_path / "c", np.stack([0 * blue + 7, green, red], -1))
-    assert "blue" in str(Capture.from_pictures(folder, SHOWN).notices[0])
+    assert "blue" in str(Capture.load(folder, SHOWN).notices[0])
     with pytest.raises(InputError, match=r"--channel blue: carries nothing .*take --channel"):
-        Capture.from_pictures(folder, SHOWN, channel="blue")
+        Capture.load(folder, SHOWN, channel="blue")
 
 
 def test_other_files_are_passed_over_and_said(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_other_files_are_passed_over_and_said(tmp_path: Path) -> None:
     for name in (".DS_Store", "._img_1.png", "Thumbs.db", "desktop.ini", "notes.txt"):
         (folder / name).write_bytes(b"\0")
     cv2.imwrite(str(folder / "preview.png"), frames()[0])
-    found = Capture.from_pictures(folder, SHOWN)
+    found = Capture.load(folder, SHOWN)
     np.testing.assert_array_equal(found.frames, frames())
     passed, other = names(found)
     assert ".DS_Store" in passed
@@ -163,11 +163,11 @@ def test_other_files_are_passed_over_and_said(tmp_path: Path) -> None:
 
 def test_a_picture_saved_twice_and_a_counter_that_began_again(tmp_path: Path) -> None:
     images, first = frames(), 9990
-    found = Capture.from_pictures(write(tmp_path / "twice", np.insert(images, 4, images[3], axis=0)), SHOWN)
+    found = Capture.load(write(tmp_path / "twice", np.insert(images, 4, images[3], axis=0)), SHOWN)
     np.testing.assert_array_equal(found.frames, images)
     assert names(found) == ["img_5.png: the same as the picture before, passed over"]
     folder = write(tmp_path / "c", images[:10], "DSC_{:04}.png", first)
-    found = Capture.from_pictures(write(folder, images[10:], "DSC_{:04}.png", 1), SHOWN)
+    found = Capture.load(write(folder, images[10:], "DSC_{:04}.png", 1), SHOWN)
     np.testing.assert_array_equal(found.frames, images)
     assert "DSC_9990.png is taken for the first" in names(found)[0]
 
@@ -185,7 +185,7 @@ def test_another_number_of_pictures_says_what_would_have_it(
 ) -> None:
     images = np.random.default_rng(0).integers(0, 255, (count, 9, 9), np.uint8)
     with pytest.raises(InputError) as caught:
-        Capture.from_pictures(write(tmp_path / "c", images), SHOWN)
+        Capture.load(write(tmp_path / "c", images), SHOWN)
     for word in words:
         assert word in str(caught.value)
 
@@ -201,7 +201,7 @@ def test_what_is_no_folder_of_pictures(tmp_path: Path) -> None:
         (tmp_path, "no pictures in this folder"),
     ):
         with pytest.raises(InputError, match=words):
-            Capture.from_pictures(source, SHOWN)
+            Capture.load(source, SHOWN)
 
 
 def test_a_description_without_files_takes_pictures_in_their_order(tmp_path: Path) -> None:
