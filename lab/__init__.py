@@ -27,6 +27,7 @@ It may import every module of `optolever`; tests alone import it.
 | `hardware/` | displays and cameras in simulated time |
 | - `simulated.py`, `synchronisation.py` | the models; what is recovered of them, what is captured |
 | `live/` | heights of single frames |
+| - `colour.py` | u in red and v in blue beside the crossed fringe |
 | - `world.py` | an independent renderer of dents |
 | - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
 | `judgements/` | false alarms and misses of every test |

@@ -58,11 +58,12 @@ class Live:
         prepared, rig, frame = self.prepared, self.prepared.rig, self._used(frame)
         settled, strays = settle_without_strays(rig, frame, prepared.noise.sigma)
         good, raw, slopes = settled.good, settled.tau * rig.normal, settled.slopes
-        deviation, alone = self._deviation(settled, raw, _sigma(prepared, settled))
+        late, early = _smoothed(prepared, settled)
+        deviation, alone = self._deviation(settled, raw, _sigma(prepared, settled, late))
         if (np.abs(deviation.motion) > CREPT * deviation.sigmas[:3]).any():  # what is left is the mirror's
             slopes = slopes - np.tensordot(deviation.motion, self.creep.slopes, 1)
         fine, coarse = (circulations(slopes, good & rig.whole) / prepared.noise.curl).tolist()
-        noise, wide = (_sigma(prepared, settled, max(1.0, fine, coarse), few) for few in (False, True))
+        noise, wide = (_sigma(prepared, settled, lost, max(1.0, fine, coarse)) for lost in (late, early))
         steep, dusty = holes_of(raw, prepared.noise.sigma, good, rig.lit, rig.rim)
         figures = self._figures(frame, settled, (fine, coarse), deviation)
         self._faded = self._faded + 1 if figures.contrast < FADED else 0
@@ -75,7 +76,7 @@ class Live:
         surface = Surface(x, y, z, hidden, good, modes=modes, motions=len(modes))
         dents = () if judge(figures).broken else regions(surface, _COLUMNS)
         pressing = [one for one in dents if not _is_dust(one, dusty, good)]
-        lost = _lost_in_kinks(prepared, settled, z, pressing)
+        lost = _lost_in_kinks(prepared, settled, early, z, pressing)
         sigma = np.sqrt(np.square(sigma) + np.square(lost).sum(axis=0))
         error, still = np.float32(prepared.error or 0.0), max(prepared.edge, abs(figures.sinking))
         surface = replace(surface, modes=np.stack([error * z, *lost, *modes]))
@@ -102,10 +103,12 @@ class Live:
         good, noise = (settled.good & ~prepared.rig.rim)[few], noise[few]
         before: list[_Found] = []
         last, alone = np.zeros_like(noise), math.inf
-        for _ in range(_ROUNDS):
+        for left in reversed(range(_ROUNDS)):
             found = fitted(self.creep, offset, settled.good, before, prepared.layer, variance)
             alone = min(alone, found.misfit if not before else math.inf)
             moved = found.heights(self.creep, every)
+            if not left:
+                break
             coarse = Surface(x, y, z[few] + moved, noise, good, modes=found.modes(self.creep, every))
             after = [(circle, one.depth) for one in regions(coarse) for circle in one.circles]
             still = float(np.abs(moved - last)[good].max(initial=0.0)) < float(np.median(noise))
@@ -186,12 +189,14 @@ def _apart(one: Region, other: Region) -> bool:
     return math.hypot(*away) > _AWAY * other.radius
 
 
-def _lost_in_kinks(prepared: Prepared, settled: Settled, z: Cells, regions: Sequence[Region]) -> Cells:
+def _lost_in_kinks(
+    prepared: Prepared, settled: Settled, smoothed: Cells, z: Cells, regions: Sequence[Region]
+) -> Cells:
     """Modes (k, R, C), mm, of the regions: what of the slope the window loses at its sharpest kink is lacking
     in all heights within. Beside cells without a height nothing is known of it."""
     reach, lost = prepared.rig.carriers.window.size // 2, np.zeros((len(regions), *z.shape), np.float32)
     apart = cv2.erode(settled.good.astype(np.uint8), np.ones((reach, reach), np.uint8))
-    smoothed = _smoothed(prepared, settled, early=True) * apart if regions else z
+    smoothed = smoothed * apart
     for one, mode in zip(regions, lost, strict=True):
         inside = one.inside * apart[one.box]
         sharp = np.square((settled.residual[one.box] * inside).max() / max(_KINK * settled.usual, 1e-6))
@@ -209,22 +214,24 @@ def _noise_scale(prepared: Prepared, settled: Settled) -> float:
     return max(settled.usual / prepared.rig.noise, _LEAST)
 
 
-def _sigma(prepared: Prepared, settled: Settled, birge: float = 1.0, early: bool = False) -> Cells:
+def _sigma(prepared: Prepared, settled: Settled, smoothed: Cells, birge: float = 1.0) -> Cells:
     """Sigma by noise at rest, scaled to this frame's noise and amplitude and by Birge's factor, squared, the
-    inconsistency of its slopes; the predicted change by further steps; and what the window still smooths,
-    early: with what few steps leave of it, which makes no peak."""
+    inconsistency of its slopes; the predicted change by further steps; and what the window still smooths."""
     factor = np.float32(np.sqrt(_noise_scale(prepared, settled) * birge))
     noise = prepared.noise.sigma * factor / np.maximum(settled.strength, _LEAST)
-    ahead, smoothed = np.square(settled.ahead), np.square(_smoothed(prepared, settled, early))
-    return np.where(settled.good, np.sqrt(noise * noise + ahead + smoothed), np.float32(np.inf))
+    squares = noise * noise + np.square(settled.ahead) + np.square(smoothed)
+    return np.where(settled.good, np.sqrt(squares), np.float32(np.inf))
 
 
-def _smoothed(prepared: Prepared, settled: Settled, early: bool = False) -> Cells:
+def _smoothed(prepared: Prepared, settled: Settled) -> tuple[Cells, Cells]:
     """What the window still smooths of z, mm (R, C): a window of variance s^2 cells^2 changes a surface by
-    s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows."""
+    s^2 / 2 times its second differences; steps undo all but a share of that, as the rms residual grows. Then
+    with what few steps leave of it, which makes no peak."""
     variance, z = prepared.rig.carriers.spread**2, settled.tau * prepared.rig.normal
-    bends = sum(np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
-    misfit = np.maximum(settled.residual / np.float32(max(settled.usual, 1e-6)), 1)
-    remains = max(_REMAINS, _EARLY / settled.steps) if early else _REMAINS
-    share = np.minimum(np.float32(remains) * np.sqrt(misfit), np.float32(_MOST))
-    return np.asarray(np.float32(variance / 2) * bends * share / (1 - share))  # of the bends as they are
+    along, down = (np.abs(cv2.Sobel(z, cv2.CV_32F, *order, ksize=1)) for order in ((2, 0), (0, 2)))
+    bends = np.float32(variance / 2) * (along + down)
+    misfit = np.sqrt(np.maximum(settled.residual / np.float32(max(settled.usual, 1e-6)), 1))
+    remains = _REMAINS, max(_REMAINS, _EARLY / settled.steps)
+    shares = [np.minimum(np.float32(part) * misfit, np.float32(_MOST)) for part in remains]
+    late, early = (np.asarray(bends * share / (1 - share)) for share in shares)  # of the bends as they are
+    return late, early

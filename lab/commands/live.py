@@ -29,6 +29,9 @@ def command(
         int, Opt("--streams FRAMES", "Only streams of all kinds, of so many frames each.", click.IntRange(0))
     ] = 0,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
+    colour: Annotated[
+        bool, Opt("--colour", "Only u in red and v in blue beside the crossed fringe.")
+    ] = False,
     seed: Seed = 1,
     json_path: Json = None,
 ) -> None:
@@ -45,6 +48,9 @@ def command(
         return
     if vibration:
         write_json(json_path, _vibration(size, seed))
+        return
+    if colour:
+        write_json(json_path, _colour(size, seed))
         return
     rows = []
     with progress() as step:
@@ -98,3 +104,29 @@ def _vibration(size: tuple[int, int], seed: int) -> dict[str, object]:
     rows["frame"] = f"{found.frame_nm:.3g} nm, {found.ms:.3g} ms"
     table("Vibration", rows)
     return asdict(found)
+
+
+def _colour(size: tuple[int, int], seed: int) -> dict[str, object]:
+    """Ratios: of the grey fringe with live's window over each."""
+    from optolever.scene import load, resize
+
+    from ..live.colour import shown
+    from ..live.streams import stream_rig
+
+    found = list(shown(stream_rig(resize(load("prism48"), *size)).prepared.rig.carriers, seed))
+    rows = [
+        [
+            one.name, f"{one.window:g}", f"{one.noise:.2g} ({found[0].noise / one.noise:.3g})",
+            f"{one.kept:.2f}", f"{one.error:.1g}",
+        ]
+        for one in found
+    ]  # fmt: skip
+    header = (
+        "shown",
+        "window, periods",
+        "noise, turns (gain)",
+        "of a bump of 3 px",
+        "error of one of 12 px, turns",
+    )
+    grid("Colour in one exposure", header, rows)
+    return {"rows": [one._asdict() for one in found]}

@@ -24,19 +24,11 @@ from .solver_figures import run_solver_times
 
 __all__ = ["PARTS", "write_page"]
 
-SIZE, LIMITS = (480, 640), {"smooth": 24.0, "contact": 52.0}  # of live, two transforms at cells of 2 px
+SIZE, LIMITS = (480, 640), {"smooth": 17.0, "contact": 27.0}  # of live, two transforms at cells of 2 px
 _FIGURES = ("figure", "measured", "limit", "")
 _LIVE = (
-    "case",
-    "cell",
-    "time",
-    "transforms",
-    "limit",
-    "error/depth",
-    "error/sigma",
-    "beyond 5 sigma",
-    "trusted",
-)
+    "case", "cell", "time", "transforms", "limit", "error/depth", "error/sigma", "beyond 5 sigma", "trusted",
+)  # fmt: skip
 
 
 def write_page(folder: Path, parts: Iterable[str], progress: Progress = silent) -> Path:

@@ -29,7 +29,7 @@ _STEPS, _FEWEST = 6, 2
 _WRAPPED = 2  # steps after which the displacement is whole
 _REST_STEPS = 120
 _KINKED, _KINK_STEPS = 0.3, 5  # the same at kinks, rms, which converge slowly; steps for them at most
-_HOLE, _HOLE_STEPS = 20, 4  # cells without a fringe from which on so many steps go by weights
+_HOLE, _HOLE_STEPS = 20, 4  # cells without a fringe from which on up to so many steps go by weights
 _SPARSE = 4  # stride of the pixels that measure the light
 _LIGHTER, _LAMP, _DARK = 0.01, 0.03, 0.1  # relative change of light to rescale by, to add; least factor
 _FILL = 4.0  # cells: radius of the interpolation of displacement into gaps
@@ -138,9 +138,12 @@ def settle(rig: Rig, frame: Frame, sigma: Cells) -> Settled:
     for _ in range(_HOLE_STEPS if holes else int(trust.min() < 0.5)):
         more, slopes = chord_step(rig.mirror, offset, tau, trust.astype(_f4))
         tau += more
-        ahead = np.hypot(ahead, more * rig.normal)
+        more = np.abs(more * rig.normal)
+        ahead = np.hypot(ahead, more)
+        if float(np.square(more / sigma)[good].sum()) < _NOT_MOVED**2 * np.count_nonzero(good):
+            break
     if holes:  # what fills them moves from step to step: the solution by weights is what converges
-        ahead = np.abs(more * rig.normal)
+        ahead = more
         left = 1.48 * float(np.median((ahead / sigma)[good])) if good.any() else np.inf
     return Settled(
         state, tau, good, contrast, strength, residual, ahead, left, usual, slopes, len(sizes), least

@@ -11,7 +11,7 @@ import numpy as np
 from optolever.arrays import Cells, Frame, Mask, Pixels
 
 from .chain import LEAST_SHARE, Rig, Settled, settle
-from .picture import model, to_cells, window_mean
+from .picture import model, window_mean
 
 __all__ = ["settle_without_strays"]
 
@@ -75,7 +75,8 @@ def _dark(rig: Rig, frame: Frame) -> Mask:
     an object that ends total reflection where it touches."""
     carriers = rig.carriers
     whole = np.maximum(carriers.share, np.float32(LEAST_SHARE))
-    mean = window_mean(to_cells(frame * carriers.lit, carriers.cell), carriers.window) / whole
+    cells = cv2.resize(frame * carriers.lit, carriers.shape[::-1], interpolation=cv2.INTER_AREA)
+    mean = window_mean(np.asarray(cells, np.float32), carriers.window) / whole
     ratio = mean / np.maximum(rig.rest.level, 1)
     return np.asarray(rig.lit & (ratio < np.float32(_DARK) * np.median(ratio[rig.lit])))
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optolever.arrays import Cells, Mask
-from optolever.kernels import exact
+from optolever.kernels import exact, kernel
 
 __all__ = ["TORN", "beside_tears", "torn", "unwrapped"]
 
@@ -50,10 +50,21 @@ def unwrapped(displacement: Cells, good: Mask, rim: Mask) -> tuple[Cells, Mask]:
 def _tears(displacement: Cells, good: Mask) -> NDArray[np.uint8]:
     """1 in the second cell of a tear."""
     found = np.zeros(good.shape, np.uint8)
-    for one in displacement:
-        found[:, 1:] |= (np.abs(np.diff(one, axis=1)) > TORN) & good[:, 1:] & good[:, :-1]
-        found[1:] |= (np.abs(np.diff(one, axis=0)) > TORN) & good[1:] & good[:-1]
+    _torn(displacement, good, found)
     return found
+
+
+@kernel
+def _torn(displacement, good, found):  # type: ignore[no-untyped-def]
+    """See `_tears`."""
+    most = np.float32(TORN)
+    for k in range(2):
+        for i in range(good.shape[0]):
+            for j in range(good.shape[1]):
+                here, left, above = displacement[k, i, j], max(j - 1, 0), max(i - 1, 0)
+                along = (abs(here - displacement[k, i, left]) > most) & good[i, left]
+                down = (abs(here - displacement[k, above, j]) > most) & good[above, j]
+                found[i, j] |= (along | down) & good[i, j]
 
 
 def _roughness(d: Cells, good: Mask) -> NDArray[np.uint8]:

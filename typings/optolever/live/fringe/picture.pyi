@@ -1,0 +1,1 @@
+from live.fringe.picture import *
