@@ -85,7 +85,8 @@ def capture_colour(
 
 
 def _seen_at(scene: Scene, channel: int) -> Scene:
-    """The scene whose pattern is the stripes of one channel, which lie aside of the cells' centres."""
-    pattern = scene.pattern
+    """The scene whose display is one channel: its curve, and its stripes, aside of the cells' centres."""
+    pattern, display = scene.pattern, scene.display
     aside = STRIPES[pattern.stripes or "none"][channel]
-    return replace(scene, pattern=replace(pattern, origin=pattern.origin + aside * pattern.steps[0]))
+    pattern = replace(pattern, origin=pattern.origin + aside * pattern.steps[0])
+    return replace(scene, pattern=pattern, display=None if display is None else display.channel(channel))

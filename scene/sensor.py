@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -30,6 +30,14 @@ def _mix(name: str, value: Any) -> Float:
     return mix
 
 
+def _gammas(name: str, value: Any) -> Float:
+    """(3,) above 0."""
+    gammas = vector(name, value)
+    if gammas.min() <= 0:
+        raise InputError(f"{name} = {gammas.tolist()}: must be above 0")
+    return gammas
+
+
 def _mosaic(name: str, value: Any) -> str:
     if value not in MOSAICS:
         raise InputError(f"{name} = {value!r}: must be one of {', '.join(MOSAICS)}")
@@ -38,10 +46,16 @@ def _mosaic(name: str, value: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Display(Record, section="display"):
-    """Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma."""
+    """Light of level g (0..255), relative to that of 255: black + (1 - black) (g/255)^gamma. gammas (3,): of
+    red, green and blue in `capture_colour`; None: gamma of all."""
 
     gamma: Annotated[float, positive] = 1.0
     black: Annotated[float, _share] = 0.0
+    gammas: Annotated[Float | None, _gammas] = None
+
+    def channel(self, number: int) -> Display:
+        """Of red, green or blue."""
+        return self if self.gammas is None else replace(self, gamma=self.gammas[number], gammas=None)
 
     def light(self, levels: Float) -> Float:
         """Relative light of levels 0..255 (any shape)."""

@@ -38,7 +38,7 @@ class Case:
 
     lag: float = 0.0
     flicker: float = 0.0
-    gamma: float | None = None
+    gamma: tuple[float, float, float] | None = None
     stripes: str = "none"
     mosaic: str | None = None
     mix: float = 0.0
@@ -48,7 +48,8 @@ class Case:
 CASES: Mapping[str, Case] = {
     "nominal": Case(),
     "lag 10 %": Case(lag=0.1),
-    "gamma 2.2": Case(gamma=2.2),
+    "gamma 2.2": Case(gamma=(2.2, 2.2, 2.2)),
+    "gamma 2.6/2.2/1.9": Case(gamma=(2.6, 2.2, 1.9)),
     "mix 1 % off": Case(mix=0.01),
     "flicker 2 %": Case(flicker=0.02),
     "stripes": Case(stripes="rgb"),
@@ -86,7 +87,7 @@ def compared(
 def _runs(text: str, case: Case, seeds: int, scene: Scene, colour: bool) -> Iterator[Compared]:
     stripes = {"none": None, "unknown": "rgb"}.get(case.stripes, case.stripes) if colour else None
     clean = replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mosaic=case.mosaic if colour else None)
-    display = None if case.gamma is None else Display(gamma=case.gamma)
+    display = None if case.gamma is None else Display(case.gamma[1], gammas=np.array(case.gamma))
     pattern = replace(scene.pattern, stripes=stripes)
     scene = replace(scene, sensor=clean, display=display, pattern=pattern)
     surface, flat = (dent_from_text(dent or "flat", scene) for dent in (scene.dent, "flat"))

@@ -17,7 +17,14 @@ MIX = np.array([[0.86, 0.12, 0.02], [0.10, 0.80, 0.10], [0.02, 0.12, 0.86]])
 _FINE, _PARTS = 48, 24
 
 
-def seen_pictures(scene: Scene, shown: Sequence, stripes: str | None, rows: int, cols: int) -> Floats:
+def seen_pictures(
+    scene: Scene,
+    shown: Sequence,
+    stripes: str | None,
+    rows: int,
+    cols: int,
+    gammas: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> Floats:
     """Light (E, rows, cols, 3) of 1 at white on the pixels of a camera over the scene's field of view."""
     place = trace(scene, dent_from_text("flat", scene))
     u = np.interp((np.arange(cols * _PARTS) + 0.5) / (cols * _PARTS), *_line(place.u[scene.camera.rows // 2]))
@@ -26,7 +33,7 @@ def seen_pictures(scene: Scene, shown: Sequence, stripes: str | None, rows: int,
     )
     seen = []
     for picture in shown.pictures():
-        light = picture.astype(np.float64) / 255
+        light = (picture.astype(np.float64) / 255) ** np.array(gammas)
         channels = []
         for channel in range(3):
             # every frame is the product of a row and a column, up to the rounding of its levels

@@ -19,7 +19,7 @@ from optolever.projector import (
     unmixed,
 )
 from optolever.projector.unmixing import moved, quads, sites
-from optolever.scene import MOSAICS, Scene, dent_from_text, load, resize, trace
+from optolever.scene import MOSAICS, Display, Scene, dent_from_text, load, resize, trace
 
 from .colour_light import MIX, seen_pictures
 
@@ -103,12 +103,19 @@ def test_raw_mosaics_are_read_at_the_centres_of_their_quads(mosaic: str) -> None
         assert 0.7 < np.sqrt(np.median((error / sigma) ** 2) / 0.4549) < 1.0
 
 
-def test_the_virtual_sensor_takes_the_pictures_of_the_other_renderer() -> None:
+@pytest.mark.parametrize("gammas", [(1.0, 1.0, 1.0), (2.6, 2.2, 1.9)])
+def test_the_virtual_sensor_takes_the_pictures_of_the_other_renderer(
+    gammas: tuple[float, float, float],
+) -> None:
     scene, shown = _scene(), _packed("gray+phase", "none")
-    scene = replace(scene, sensor=replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mix=MIX))
+    scene = replace(
+        scene,
+        sensor=replace(NOMINAL_SENSOR, gain_e=0.0, noise=0.0, bits=16, mix=MIX),
+        display=Display(gammas=np.array(gammas)),
+    )
     taken = capture_colour(scene, dent_from_text("flat", scene), shown, renderer="numpy")
     light = (taken.images / 65535 * 255 - _OFFSET) / _GAIN
-    wanted = seen_pictures(scene, shown, None, 120, 160)
+    wanted = seen_pictures(scene, shown, None, 120, 160, gammas)
     assert np.abs(light - wanted)[:, 4:-4, 4:-4].max() < 0.005
 
 
