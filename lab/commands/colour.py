@@ -1,9 +1,10 @@
 """`python -m lab colour`: three patterns in a picture against the same patterns in grey."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
+from optolever import InputError
 from optolever.cli.arguments import Opt, Shape, program
 from optolever.cli.options import Json, preset
 from optolever.cli.printing import grid, progress, write_json
@@ -33,12 +34,17 @@ def command(
     """
     from ..figures.exposures import CASES, compared
 
-    rows, numbers = [], []
+    rows, numbers = [], list[dict[str, Any]]()
     with progress() as step:
         for text in ("phase:periods=9/10/11", "gray+phase"):
             for name, case in CASES.items():
                 step(f"{text}, {name}")
-                grey, found = (compared(text, case, seeds, size, colour, scene) for colour in (False, True))
+                try:
+                    found, grey = (compared(text, case, seeds, size, c, scene) for c in (True, False))
+                except InputError as refused:
+                    rows.append([text, name, "refused", *7 * [""]])
+                    numbers.append({"sequence": text, "case": name, "refused": str(refused)})
+                    continue
                 figures = found.height_nm / grey.height_nm, found.places, found.heights, grey.heights
                 rows.append(
                     [text, name, str(found.exposures), f"{found.height_nm:.3g} nm"]
