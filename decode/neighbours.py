@@ -28,7 +28,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, HALF, ONE, ZERO, inlined, kernel
+from optolever.kernels import F32, HALF, ONE, ZERO, inlined, inner, kernel
 
 from .correspondence import Flag
 from .plan import AxisPlan
@@ -316,7 +316,7 @@ def _excess(
                 _judge(block, windows, own, image, (a, y, to), slow, result)
 
 
-@kernel
+@inner
 def _residuals(chi2: F32, clean: U8, dof: np.float32, out: F32) -> None:
     """chi2 per degree of freedom, capped."""
     share, most = ONE / max(dof, ONE), np.float32(25)
@@ -325,7 +325,7 @@ def _residuals(chi2: F32, clean: U8, dof: np.float32, out: F32) -> None:
         out[x + 2] = (one if one < most else most) * np.float32(clean[x])
 
 
-@kernel
+@inner
 def _inflation(
     ring: F32, y: int, chi2: F32, number: U8, dof: np.float32, column: F32, inflation: F32
 ) -> None:
@@ -344,7 +344,7 @@ def _inflation(
         inflation[x] = level if level > one else one
 
 
-@kernel
+@inner
 def _inflated(place: F32, variance: F32, inflation: F32, coordinate: F32, sigma: F32) -> None:
     """Places that are cells."""
     for x in range(place.size):
@@ -353,7 +353,7 @@ def _inflated(place: F32, variance: F32, inflation: F32, coordinate: F32, sigma:
         sigma[x] = np.sqrt(max(variance[x] * inflation[x], _LEAST))
 
 
-@kernel
+@inner
 def _along(place: F32, variance: F32, whole: U8, square: F32, out: F32) -> None:
     """Squares of third differences along a row, capped; sums of four."""
     three, cap = np.float32(3), np.float32(500)
@@ -365,7 +365,7 @@ def _along(place: F32, variance: F32, whole: U8, square: F32, out: F32) -> None:
         out[x] = square[x] + square[x + 1] + square[x + 2] + square[x + 3]
 
 
-@kernel
+@inner
 def _down(place: F32, variance: F32, j: int, whole: U8, square: F32, out: F32) -> None:
     """Squares of third differences down the columns from row j, capped; sums of seven along the row."""
     three, cap = np.float32(3), np.float32(500)
@@ -378,7 +378,7 @@ def _down(place: F32, variance: F32, j: int, whole: U8, square: F32, out: F32) -
         out[x] = four + square[x + 4] + square[x + 5] + square[x + 6]
 
 
-@kernel
+@inner
 def _quadratic(place: F32, j: int, full: U8, inner: F32, flat: F32, off: F32, bend: F32, out: F32) -> None:
     """Laplacian of the quadratic through 5 x 5 around row j; squares of the residual to it, sums of three.
     inner, flat: sums of the columns' inner and of all their pixels."""
@@ -401,7 +401,7 @@ def _quadratic(place: F32, j: int, full: U8, inner: F32, flat: F32, off: F32, be
         out[x] = off[x] + off[x + 1] + off[x + 2]
 
 
-@kernel
+@inner
 def _thirds(rows: F32, cols: F32, y: int, along: U8, down: U8, out: F32) -> None:
     """Larger mean of both third differences over 7 x 7 pixels."""
     three = np.float32(3)
@@ -416,14 +416,14 @@ def _thirds(rows: F32, cols: F32, y: int, along: U8, down: U8, out: F32) -> None
         out[x] = (first if more else second) / (one if more else two)
 
 
-@kernel
+@inner
 def _bracket(place: F32, light: F32, y: int, full: U8, bend: F32, out: F32) -> None:
     """laplace u + 2 grad u . grad ln A: a place's shift over half the second moment."""
     for x in range(1, full.size - 1):
         out[x] = bend[x] + np.float32(full[x]) * falling(place, light, y, x)
 
 
-@kernel
+@inner
 def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, third: F32) -> None:
     """Excess of the third differences, and of the residuals to the quadratics of 3 x 3 pixels."""
     for x in range(variance.size):
@@ -434,7 +434,7 @@ def _creased(rest: F32, y: int, variance: F32, inflation: F32, near: U8, third: 
         third[x] = (total if total > ZERO else ZERO) + (beyond if beyond > ZERO else ZERO)
 
 
-@kernel
+@inner
 def _result(
     place: F32, variance: F32, inflation: F32, excess: F32, bracket: F32, limits: F32, out: tuple[F32, F32]
 ) -> None:
@@ -448,7 +448,7 @@ def _result(
         coordinate[x] = place[x] - aperture * bracket[x]
 
 
-@kernel
+@inner
 def _open(bend: F32, full: U8, clean: U8, limits: F32, slow: Mask) -> None:
     """Clean pixels beside others, or amid a jump: the least Laplacian of one by 2 jumps is 2/7."""
     steep = np.float32(0.2) * limits[0]
@@ -456,7 +456,7 @@ def _open(bend: F32, full: U8, clean: U8, limits: F32, slow: Mask) -> None:
         slow[x] = ((full[x] == 0) | (abs(bend[x]) > steep)) & (clean[x] != 0)
 
 
-@kernel
+@inner
 def _bordered(place: F32, y: int, clean: U8, limits: F32, slow: Mask) -> None:
     """Clean pixels within four reaches of the display's border."""
     extent, border, aperture = limits[1], limits[2], limits[3]
@@ -469,7 +469,7 @@ def _bordered(place: F32, y: int, clean: U8, limits: F32, slow: Mask) -> None:
         slow[x + 1] |= (t * abs(t) < reach2) & (clean[x + 1] != 0)
 
 
-@kernel
+@inner
 def _judge(
     block: Block, windows: U8, limits: F32, image: Span, at: tuple[int, int, int], slow: Mask, result: Result
 ) -> None:

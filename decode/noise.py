@@ -19,7 +19,7 @@ from optolever.kernels import F32, F64
 
 from .plan import Fringe, Plan, constraints
 
-__all__ = ["Noise", "Sample", "fit_noise", "regression"]
+__all__ = ["Noise", "Sample", "fit_noise", "quantile", "regression"]
 
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
@@ -30,6 +30,8 @@ _TRIM, _REMAINING = 3.0, 0.9733
 _BINS, _FEWEST, _MOST = 12, 64, 1 << 17
 #: Fewest differences of codes, dark and bright, that make residuals of fringes unnecessary (4 %).
 _ENOUGH = 2048
+#: Values for a quantile.
+_SOME = 1 << 14
 #: Relative error of a bin's variance beyond chance, so that no bin decides alone.
 _UNSURE = 0.03
 
@@ -75,6 +77,13 @@ def regression(waves: F64, of: F64, rank: float) -> F64:
     kept = square > rank**2 * square[-1]
     some = direction[:, kept]
     return np.asarray((of @ waves.T @ some / square[kept]) @ some.T)
+
+
+def quantile(values: NDArray[Any], share: float) -> float:
+    """The finite value next below a quantile, of some of many: np.quantile takes five times as long."""
+    some = values.ravel()[:: 1 + values.size // _SOME]
+    number = int(share * (len(some) - 1))
+    return float(np.partition(some, number)[number])
 
 
 def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:

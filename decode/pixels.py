@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, HALF, I32, ZERO, inlined, kernel
+from optolever.kernels import F32, HALF, I32, ZERO, inlined, inner, kernel
 
 from .codes.bits import BitTable, ends_row, read_row
 from .codes.fringe import FringeTable, fit_row
@@ -214,7 +214,7 @@ def _given_rows(
         _ended(a > 0, coarse, of.offset[a, r], flags, out.flags[to], least, mean)
 
 
-@kernel
+@inner
 def _begun(second: bool, shown: bool, before: U16, flags: I32, chi2: F32, error: F32) -> None:
     """A row's flags, chi2 and error: of the axis before, if this is the second one."""
     kept = second and shown
@@ -225,7 +225,7 @@ def _begun(second: bool, shown: bool, before: U16, flags: I32, chi2: F32, error:
         chi2[x] = chi2[x] if second else ZERO
 
 
-@kernel
+@inner
 def _ended(second: bool, amplitude: F32, offset: F32, flags: I32, out: U16, least: F32, mean: F32) -> None:
     """Flags, least amplitude and mean offset of both axes."""
     for x in range(flags.size):
@@ -235,7 +235,7 @@ def _ended(second: bool, amplitude: F32, offset: F32, flags: I32, out: U16, leas
         mean[x] = HALF * (mean[x] + offset[x]) if second else offset[x]
 
 
-@kernel
+@inner
 def _judged(
     noise: tuple[np.float32, np.float32],
     axis: AxisTable,

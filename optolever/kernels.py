@@ -6,6 +6,7 @@ compile.
 """
 
 import atexit
+import gc
 import hashlib
 import os
 import shutil
@@ -26,7 +27,7 @@ from .processes import SAFE_PATH
 
 __all__ = [
     "F32", "F64", "HALF", "I32", "I64", "ONE", "ZERO", "Real", "are_compiled", "cache_folder",
-    "compiled_beside", "exact", "inlined", "kernel", "plain",
+    "compiled_beside", "exact", "inlined", "inner", "kernel", "plain",
 ]  # fmt: skip
 
 F32 = NDArray[np.float32]
@@ -57,6 +58,11 @@ def exact(function: Callable[..., T]) -> Callable[..., T]:
     return _compiled(function)
 
 
+def inner(function: Callable[..., T]) -> Callable[..., T]:
+    """A `kernel` that other kernels call, and nobody from Python: each of its arguments would cost."""
+    return _compiled(function, fastmath=_REORDER, no_cpython_wrapper=True)
+
+
 def inlined(function: Callable[..., T]) -> Callable[..., T]:
     """A small function that becomes part of its callers' loops. For numbers: of arrays that it takes
     references are counted on every call where it branches; those that a `kernel` takes are not."""
@@ -78,6 +84,7 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     the files of those that it calls. Where nothing can be kept, every process compiles for itself."""
     import numba  # .3 s, and who asks whether kernels are compiled has none
 
+    _uncollected()
     config: Any = numba.config  # its settings are made when numba is imported: no checker knows them
     folder = cache_folder(Path(function.__code__.co_filename).parent)
     before, config.CACHE_DIR = config.CACHE_DIR, str(folder or "")
@@ -87,6 +94,27 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
     finally:
         config.CACHE_DIR = before
     return cast(Callable[..., T], made)
+
+
+@lru_cache(maxsize=1)
+def _uncollected() -> None:
+    """No garbage collection while a kernel is compiled or loaded: it takes a seventh of that time, and finds
+    nothing."""
+    from numba.core import event
+
+    before = list[bool]()  # of a lock in a lock, and of other threads
+
+    class Paused(event.Listener):
+        def on_start(self, event: object) -> None:
+            before.append(gc.isenabled())
+            gc.disable()
+
+        def on_end(self, event: object) -> None:
+            if before and before.pop():
+                gc.enable()
+
+    register: Callable[..., None] = event.register
+    register("numba:compiler_lock", Paused())
 
 
 def are_compiled(part: str) -> bool:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, kernel
+from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, inner, kernel
 
 from ..correspondence import Flag
 
@@ -52,7 +52,7 @@ def exp_neg(x: np.float32, over: np.float32) -> np.float32:
     return np.float32(y * y)
 
 
-@kernel
+@inner
 def start_row(
     phase: F32, phase_variance: F32, period: np.float32, extent: np.float32, place: F32, variance: F32
 ) -> None:
@@ -64,7 +64,7 @@ def start_row(
         variance[x] = square * phase_variance[x]
 
 
-@kernel
+@inner
 def climb_row(
     phase: F32, phase_variance: F32, period: np.float32, place: F32, variance: F32, error: F32, flags: I32
 ) -> None:
@@ -81,7 +81,7 @@ def climb_row(
         variance[x] = own
 
 
-@kernel
+@inner
 def join_row(
     phase: F32,
     phase_variance: F32,
@@ -148,7 +148,7 @@ def _order_table(periods: tuple[float, ...], extent: int, tolerance: float) -> O
     return Orders(listed, np.float32(tolerance), np.float32(extent))
 
 
-@kernel
+@inner
 def compare_row(
     phase: F32,
     phase_variance: F32,

@@ -17,10 +17,11 @@ from optolever.errors import InputError
 from optolever.kernels import F32, F64, I64
 from optolever.patterns import Sequence
 
+from ..noise import quantile
 from ..plan import AxisPlan, Code, Fringe, Plan, plan
 
 __all__ = [
-    "Fits", "Trial", "Words", "blocks_of", "cut", "fits_of", "places", "plain_decode", "quantile",
+    "Fits", "Trial", "Words", "blocks_of", "cut", "fits_of", "places", "plain_decode",
     "shortfall", "word_places", "words_of",
 ]  # fmt: skip
 
@@ -96,13 +97,6 @@ def _corners(way: np.ufunc, frames: NDArray[Any], first: int, side: int, stride:
     lines = way(upper, lower)
     left, right = (lines[..., x::stride][..., :cols] for x in (first, first + side))
     return np.asarray(way(left, right))
-
-
-def quantile(values: NDArray[Any], share: float) -> float:
-    """Of finite values, the nearest one below: np.quantile takes five times as long."""
-    every = values.ravel()
-    k = int(share * (every.size - 1))
-    return float(np.partition(every, k)[k])
 
 
 def cut(image: NDArray[Any], at: I64) -> NDArray[Any]:

@@ -19,11 +19,12 @@ from optolever.patterns import Sequence
 
 from ..correspondence import Correspondence, Flag
 from ..frames import Light
+from ..noise import quantile
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Code, Plan, plan
-from .blocks import Fits, Words, blocks_of, cut, fits_of, places, quantile, words_of
+from .blocks import Fits, Words, blocks_of, cut, fits_of, places, words_of
 from .too_few import few_good
-from .windows import EVERY, around, contradictions, residual_windows, spread, typical
+from .windows import EVERY, around, contradictions, residual_windows, spread
 
 __all__ = ["Decoded", "Verdict", "judged"]
 
@@ -148,7 +149,7 @@ def _residuals(given: Decoded, known: Plan) -> F32:
         return np.zeros_like(given.residual)
     amplitude, good = found.amplitude[some], found.flags[some] == 0
     noise = given.noise[0] + given.noise[1] * np.maximum(found.offset[some], 0)
-    usual = typical(amplitude[good]) if good.any() else 1.0
+    usual = quantile(amplitude[good], 0.5) if good.any() else 1.0
     square = given.residual * noise / np.square(np.maximum(amplitude, max(0.5 * usual, 1.0)))
     return residual_windows(np.asarray(square, np.float32), good, _RESIDUAL)
 

@@ -19,11 +19,11 @@ from optolever.kernels import F32, I64
 from ..codes.bits import BitTable, ends_row, read_row
 from ..codes.fringe import FringeTable, fit_row
 from ..correspondence import Flag
+from ..noise import quantile
 from ..pixels import AxisTable
 from ..plan import AxisPlan, Plan
-from .blocks import quantile
 
-__all__ = ["EVERY", "around", "contradictions", "residual_windows", "spread", "typical"]
+__all__ = ["EVERY", "around", "contradictions", "residual_windows", "spread"]
 
 Mask = NDArray[np.bool_]
 Numbers = tuple[NDArray[Any], F32 | None, np.float32]
@@ -31,8 +31,8 @@ Numbers = tuple[NDArray[Any], F32 | None, np.float32]
 #: of which smaller ones take all; samples of a tile.
 _TILE, _SAMPLES, _ALL = 5, 4, 1 << 16
 #: Least mean phasor of a window, by one sample of a tile and by all; greatest share outside; slack of an
-#: interval, periods; its widths, periods, up to which phasors and shares count; places for a quantile.
-_SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE, _FEW = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87, 10000
+#: interval, periods; its widths, periods, up to which phasors and shares count.
+_SUSPECT, _LEAST, _OUTSIDE, _SLACK, _NARROW, _WIDE = 0.75, 0.5, 0.1, 0.05, 0.7, 0.87
 #: Phasor and shift (periods) of all pixels of a wrong shift, shift if the mirror moved.
 _COHERENT, _SHIFT, _MOVED = 0.75, 0.06, 0.2
 #: Share of the windows from which on an axis has no good pixel.
@@ -63,11 +63,6 @@ def spread(some: Mask, side: int, shape: tuple[int, ...]) -> Mask:
     return np.repeat(np.repeat(some, side, axis=0), side, axis=1)[: shape[0], : shape[1]]
 
 
-def typical(values: F32) -> float:
-    """Median of some of the values (K,)."""
-    return quantile(values[:: 1 + len(values) // _FEW], 0.5)
-
-
 def around(image: NDArray[Any]) -> F32:
     """Sums of 3 x 3 around each place of an image (h, w)."""
     own, anchor = np.asarray(image, np.float32), (-1, -1)
@@ -78,7 +73,7 @@ def residual_windows(square: F32, good: Mask, limit: float) -> F32:
     """Mean square of the fringes' residuals over its median, around each of the pixels (h, w), every EVERY-th
     one of the image, of which half are beyond the limit where it is; square: amplitudes^2; 0 where less than
     half of a window is good."""
-    usual = max(typical(square[good]), _LITTLE) if good.any() else 1.0
+    usual = max(quantile(square[good], 0.5), _LITTLE) if good.any() else 1.0
     ratio, number = np.minimum(square / np.float32(usual), np.float32(2 * limit)), around(good)
     return np.where(number > 4.5, around(np.where(good, ratio, 0)) / np.maximum(number, 1), 0)
 
@@ -188,7 +183,7 @@ def _everywhere(axis: AxisPlan, view: _View, shift: float) -> bool:
     mean = complex(view.phasor[narrow].mean()) if narrow.any() else 0j
     if abs(mean) <= _COHERENT:
         return False
-    low, high = (quantile(view.middle[:: 1 + len(view.middle) // _FEW], share) for share in (0.1, 0.9))
+    low, high = (quantile(view.middle, share) for share in (0.1, 0.9))
     if low < -period or high > axis.extent + period:
         return True
     # pixels that see few places of a cell have another mean than its middle, and lie inside

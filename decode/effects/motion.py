@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from optolever.kernels import F64
 
+from ..noise import quantile
 from ..plan import AxisPlan
 from . import Correction, Effect, View
 
@@ -24,6 +25,8 @@ _EDGE, _FEWEST, _CHANCE = 0.5, 6, 1e-6
 _FAR = 2.5
 #: Largest second difference of places that mix no other ones, px.
 _BENT = 0.5
+#: Ratio of variances below which no number of parts has a chance of 1e-6: SciPy's takes .1 s to load.
+_LIKELY = 1.5
 #: Parts of the image along each side: a motion of either sign within a part hides it.
 _SIDES = (6, 7, 8, 9)
 
@@ -47,6 +50,8 @@ def correct(view: View) -> Correction | None:
         if not len(rates):
             continue
         ratio = float(explained.mean() / max(rest.sum() / freedom.sum(), 1e-12))
+        if ratio < _LIKELY:
+            continue
         chance = float(scipy.special.fdtrc(len(rates), freedom.sum(), ratio))
         if chance < least:
             rate, least = float(np.sqrt((rates**4).sum() / (rates**2).sum())), chance
@@ -128,8 +133,8 @@ def edges_of(view: View, axis: AxisPlan, place: F64) -> Edges | None:
         there, level = place[keep], mean[keep].astype(np.float64) / half[keep]
         nearest = np.searchsorted(0.5 * (edge[1:] + edge[:-1]), there)
         away, level = there - edge[nearest], level * np.where(bright[at[nearest]] > 0, 1.0, -1.0)
-        proportional = _quantile(away * level, 0.5) / max(_quantile(level * level, 0.5), 1e-6) * level
-        far = _FAR * _quantile(np.abs(away - proportional), 0.9)  # rims are no motion
+        proportional = quantile(away * level, 0.5) / max(quantile(level * level, 0.5), 1e-6) * level
+        far = _FAR * quantile(np.abs(away - proportional), 0.9)  # rims are no motion
         away = proportional + np.clip(away - proportional, -far, far)
         found.append((float(np.mean(times[shown])) - then, known[keep], away, level, shown[0]))
     if not found:
@@ -139,8 +144,3 @@ def edges_of(view: View, axis: AxisPlan, place: F64) -> Edges | None:
     time = np.array([one[0] for one in found])
     frames = np.array([one[4] for one in found])
     return Edges(time, frames, bit, at.astype(np.int64), away, level)
-
-
-def _quantile(values: F64, share: float) -> float:
-    number = int(share * (len(values) - 1))
-    return float(np.partition(values, number)[number])
