@@ -20,7 +20,7 @@ _NOISE = "noise of the calibration's captures"
 _MINIMA = "other rigs that explain the captures nearly as well"
 #: Pattern of parameter names -> source; the first match counts.
 _WORDS = {
-    "flat *.L??": "the flatness of the reference",
+    "flatness_*.L??": "the flatness of the reference",
     "rest.L??": "the form of the mirror at rest, by its prior",
     "camera.*": "the camera, by its prior",
     "face.*": "the camera's face, by its prior",

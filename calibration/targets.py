@@ -66,7 +66,7 @@ class Flat(_Form):
         _require(self, "flatness")
 
     def _shapes(self) -> tuple[str, int, float]:
-        return f"flat {self.flatness:g}", 2, self.flatness
+        return f"flatness_{1e3 * self.flatness:g}um", 2, self.flatness
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,7 +125,7 @@ class PinholeCamera(_Lens, section="camera"):
         x, y = self._normalised(*np.broadcast_arrays(rows, cols))
         if not np.all(np.isfinite(x + y)):
             given = ", ".join(f"{one:.4g}" for one in self.distortion)
-            what = "folds the image, so that pixels share a ray; give smaller coefficients"
+            what = "maps two points of the view to one pixel; give smaller coefficients"
             raise InputError(f"camera.distortion = [{given}]: {what}")
 
     def _rays(self, row: Float, col: Float) -> tuple[Float, Float]:

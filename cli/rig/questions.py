@@ -4,7 +4,7 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,8 @@ class _Width(click.ParamType[float]):
 @dataclass(frozen=True)
 class Question:
     """An option of `rig new`, a field of `start`. text: with its unit; wrong: the effect of a wrong answer;
-    defaults: of a monitor rig and of a prism, as typed; only: the kind of rig that has it."""
+    defaults: of a monitor rig and of a prism, as typed; only: the kind of rig that has it; prism: its text
+    there, where it differs."""
 
     name: str
     metavar: str
@@ -74,6 +75,7 @@ class Question:
     wrong: str
     defaults: tuple[str, str]
     only: str = ""
+    prism: str = ""
 
     @property
     def flag(self) -> str:
@@ -83,7 +85,9 @@ class Question:
     @property
     def option(self) -> Opt:
         """Of the command line."""
-        return Opt(f"{self.flag} {self.metavar}", self.text, self.kind)
+        text = f"{self.text}; {self.only} only" if self.only else self.text
+        text = f"{text}; of a prism: {self.prism}" if self.prism else text
+        return Opt(f"{self.flag} {self.metavar}", text, self.kind)
 
     def default(self, kind: str) -> str:
         """As typed; empty: none."""
@@ -98,7 +102,7 @@ class Question:
 
 
 _ACUTE = Finite(min=0, max=90, min_open=True, max_open=True)
-_TURNED = "a degree changes heights by 3 to 12 %, most of which a capture at rest takes off"
+_TURNED = "a degree changes heights by 3 to 12 %; the capture at rest corrects most of it"
 #: In the order in which they are asked.
 QUESTIONS: tuple[Question, ...] = (
     Question(
@@ -123,31 +127,31 @@ QUESTIONS: tuple[Question, ...] = (
         "no capture is accepted", ("640x480", "640x480"),
     ),
     Question(
-        "angle", "DEG", _ACUTE, "Line of sight to mirror's normal; prism: camera's face to mirror, degrees",
-        _TURNED, ("30", "50"),
+        "angle", "DEG", _ACUTE, "Camera's line of sight to the mirror's normal, degrees",
+        _TURNED, ("30", "50"), prism="Camera's face to the mirror, degrees",
     ),
     Question(
         "distance", "MM", ABOVE_0, "Camera to the middle of the mirror, mm",
         "x, y and heights scale with it", ("250", "120"),
     ),
     Question(
-        "display_distance", "MM", ABOVE_0, "Monitor: display's middle to the mirror's middle, mm",
+        "display_distance", "MM", ABOVE_0, "Display's middle to the mirror's middle, mm",
         "twice as far halves all heights", ("400", ""), "monitor",
     ),
     Question(
-        "display_angle", "DEG", _ACUTE, "Prism: angle of the display's face with the mirror, degrees",
+        "display_angle", "DEG", _ACUTE, "Angle of the display's face with the mirror, degrees",
         _TURNED, ("", "48"), "prism",
     ),
     Question(
-        "bezel", "MM", AT_LEAST_0, "Prism: from the mirror's edge to the display's first pixel, mm",
+        "bezel", "MM", AT_LEAST_0, "From the mirror's edge to the display's first pixel, mm",
         "0.5 mm costs 2 % of a height", ("", "0"), "prism",
     ),
     Question(
-        "across", "MM", Finite(), "Prism: from the mirror's side y = 0 to the display's first pixel, mm",
-        "the patterns lie elsewhere; the mirror at rest takes it off", ("", ""), "prism",
+        "across", "MM", Finite(), "From the mirror's side y = 0 to the display's first pixel, mm",
+        "the patterns lie elsewhere; the capture at rest corrects it", ("", ""), "prism",
     ),
     Question(
-        "index", "N", _Index(), f"Prism: index of refraction, or {', '.join(_MATERIALS)}",
+        "index", "N", _Index(), f"Index of refraction, or {', '.join(_MATERIALS)}",
         "0.01 of it costs 0.1 % of a height", ("", "silicone"), "prism",
     ),
     Question(
@@ -167,7 +171,8 @@ _BY_NAME = {each.name: each for each in QUESTIONS}
 def questions_of(kind: str, *names: str) -> list[Question]:
     """The questions of a kind of rig (with these names), in their order."""
     chosen = [_BY_NAME[name] for name in names] or QUESTIONS
-    return [each for each in chosen if each.only in ("", kind)]
+    own = [each for each in chosen if each.only in ("", kind)]
+    return [replace(each, text=each.prism) if each.prism and kind == "prism" else each for each in own]
 
 
 def typed_rig(values: Mapping[str, Any]) -> "ol.scene.TypedRig":

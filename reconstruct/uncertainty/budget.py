@@ -26,7 +26,7 @@ def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[s
     """Standard deviations in mm, by reading and source: noise first, TOTAL (their root sum square) last.
 
     Readings: the height at the deepest good point; the same over the mean of what is a tenth as deep or less
-    (a contact's depth is also less what else the surroundings show of the rig's errors); with `less`, a map
+    (of a contact's depth, errors of the rig that its surroundings show are subtracted as well); with `less`, a map
     of the same rig, the deepest point of the difference.
     """
     good = height.good & np.isfinite(height.z) & np.isfinite(height.sigma)

@@ -58,8 +58,8 @@ def deviations(found: Calibration, rig: Rig) -> float:
         (Plate(), {"a.height": 0.4, "a.tilt_x": 0.01, "a.tilt_y": -0.02}),
         (Rest(3), {f"rest.L{i}{n - i}": 0.01 * (i - 0.7) * n for n in (2, 3) for i in range(n + 1)}),
         (Ball(30.0, 0.01), {"a.x": 1.0, "a.y": -2.0, "a.depth": 0.3, "a.radius": 0.02}),
-        (Flat(1e-3), {"a.height": 0.4, "a.tilt_x": 0.01, "a.tilt_y": -0.02, "flat 0.001.L20": 0.003,
-                      "flat 0.001.L11": 0.002, "flat 0.001.L02": -0.001}),
+        (Flat(1e-3), {"a.height": 0.4, "a.tilt_x": 0.01, "a.tilt_y": -0.02, "flatness_1um.L20": 0.003,
+                      "flatness_1um.L11": 0.002, "flatness_1um.L02": -0.001}),
     ],
 )  # fmt: skip
 def test_the_model_is_what_the_ray_tracer_sees(

@@ -25,6 +25,7 @@ import pytest
 from optolever import InputError
 from optolever.calibration import aim_fault, rest_fault
 from optolever.cli import run
+from optolever.cli.rig.questions import KINDS, questions_of
 from optolever.cli.rig.start_page import Interviewer, _Answer
 from optolever.cli.rig.start_steps import Begun, require_devices, rest
 from optolever.decode import Correspondence
@@ -74,6 +75,11 @@ def seen_by(true: Scene, **changes: Any) -> Correspondence:
     flags = np.where(flat.visible, 0, 1).astype(np.uint16)
     level = np.full(flat.u.shape, 100.0)
     return Correspondence(flat.u, flat.v, sigma, sigma, flags, level, level, **changes)
+
+
+@pytest.mark.parametrize(("kind", "other"), [KINDS, KINDS[::-1]])
+def test_questions_are_those_of_the_kind_of_rig(kind: str, other: str) -> None:
+    assert not [one.text for one in questions_of(kind)[1:] if other in one.text.lower()]
 
 
 def test_a_rig_as_typed_has_no_fault(scene: Scene) -> None:

@@ -222,9 +222,7 @@ def test_a_picture_is_left_out_by_its_number(number: int, good: float, shoot: Sh
     assert silent(found, *smooth, least=2.0) < 0.01
 
 
-@pytest.mark.parametrize(
-    ("light", "said"), [(100.0, "periods repeat on the pattern"), (6.0, "expose longer")]
-)
+@pytest.mark.parametrize(("light", "said"), [(100.0, "fringe orders are ambiguous"), (6.0, "expose longer")])
 def test_orders_that_are_ambiguous_have_their_cause(
     light: float, said: str, shoot: Shoot, smooth: Map
 ) -> None:

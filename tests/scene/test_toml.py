@@ -212,7 +212,7 @@ RIG | v_axis = [0, 0.998, 0]\n -> | pattern.v_axis is missing
 RIG | look_at_mm = [30, 20, 0] -> look_at_mm = [10, 20, 300] | camera.look_at_mm = | must differ
 RIG | -> row_axis = [20, 0, -300] | camera.row_axis = | must not be parallel
 RIG | [0.1, 0, 0, 0, 0] -> [0.1] | camera.distortion = [0.1]: must be 5 numbers
-RIG | [0.1, 0, 0, 0, 0] -> [-9, 0, 0, 0, 0] | camera.distortion = | folds the image
+RIG | [0.1, 0, 0, 0, 0] -> [-9, 0, 0, 0, 0] | camera.distortion = | two points of the view to one pixel
 RIG | look_at_mm = [30, 20, 0]\n -> | camera.u_axis is missing | or rotation_deg, of a camera look_at_mm
 """
 
