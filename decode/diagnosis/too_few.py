@@ -27,8 +27,8 @@ _AMPLE = 0.1
 #: Range of a pixel's levels over white from which on light is no cause, and the cure then.
 _BRIGHT, _FOCUS = 0.3, "focus the camera on the mirror with a smaller aperture, or show longer periods"
 _OTHERWISE = (
-    "the contrast is high, yet the fringe orders are ambiguous (show a period as long as the pattern, or Gray "
-    "bits), the display has gamma or lag, or capture.toml names other periods, steps or pixels than were shown"
+    "contrast is high, so most likely fringe orders are ambiguous (show a period as long as the pattern, "
+    "or Gray bits), the display has gamma or lag, or capture.toml states other periods, steps or pixels"
 )
 _EXPOSE = "switch off the camera's automatic exposure and gain"
 #: Notices that are no cause: each costs sigma alone.

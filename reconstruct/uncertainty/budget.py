@@ -26,8 +26,8 @@ def budget(height: HeightMap, less: HeightMap | None = None) -> dict[str, dict[s
     """Standard deviations in mm, by reading and source: noise first, TOTAL (their root sum square) last.
 
     Readings: the height at the deepest good point; the same over the mean of what is a tenth as deep or less
-    (of a contact's depth, errors of the rig that its surroundings show are subtracted as well); with `less`, a map
-    of the same rig, the deepest point of the difference.
+    (of a contact's depth, errors of the rig that its surroundings show are subtracted as well); with `less`,
+    a map of the same rig, the deepest point of the difference.
     """
     good = height.good & np.isfinite(height.z) & np.isfinite(height.sigma)
     if not good.any():
