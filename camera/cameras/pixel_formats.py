@@ -22,7 +22,9 @@ def mosaic_of(name: str) -> str:
 def no_format(camera: str, colour: bool, bits: int, offered: str = "") -> InputError:
     """That a camera has no format for what is wanted, and the cure."""
     what = f"camera: {camera} has no " + ("format of raw colours" if colour else "grey format")
-    cure = "raw, or grey patterns" if colour else "of raw colours take patterns in colour, --colour"
+    cure = "raw, or grey patterns"
+    if not colour:
+        cure = "of raw colours take patterns in colour: optolever camera measure --colour"
     return InputError(f"{what} of {bits} bits{offered and f', it has {offered}'}; {cure}")
 
 
