@@ -31,12 +31,18 @@ def command(
 
     By the suffix: .npz, .tif (float32), .ply and .stl (mesh), .xyz (points) of the camera's pixels; .x3p,
     .sdf (ISO 25178), .dat (Zygo MetroPro), .wft (DFTFringe, of a disc), .csv and .npy of a regular grid. Good
-    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid. A file
+    pixels only. With --pitch .npz and .tif are on the grid, too. H.npz may also be such a grid, whose points
+    and pitch are kept where no other is asked. A file
     whose format cannot hold the heights is named, and the others are written.
     """
-    height = ol.metrology.load_measured(source)
+    height, grid = ol.metrology.load_measured(source), ol.metrology.grid_of(source)
+
+    def write(path: Path) -> None:
+        same = grid is not None and pitch is None and path.suffix.lower() in ol.reconstruct.GRID_FORMATS
+        grid.export(path) if grid is not None and same else height.export(path, pitch)
+
     with ol.files.together(), blame(source):
-        files = possible(files, lambda path: height.export(path, pitch))
+        files = possible(files, write)
         write_json(json_path, {"files": [str(path) for path in files]})
     sizes = {str(path): number(path.stat().st_size / 1e6, "MB") for path in files if path.is_file()}
     table(f"Exported {source}", sizes)

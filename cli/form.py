@@ -161,7 +161,7 @@ def command(
         circle = "circle of radius {:.6g} mm about ({:.6g}, {:.6g}) mm".format(terms.radius, *terms.middle)
         title = f"Zernike terms of the residual, µm, {what}, {circle}"
         _fitted(title, terms.listed(index, norm == "amplitude"), 1e3)
-    _residual(fit, known, along_x, along_y, waves, shape)
+    _residual(fit, known, along_x, along_y, waves, shape, height.diagnostics.method == ol.metrology.FOREIGN)
     if profiles:
         table("Profiles of the residual", {name: _profile(one) for name, one in profiles.items()})
     if verdicts:
@@ -238,6 +238,7 @@ def _residual(
     along_y: "ol.metrology.SlopeError",
     waves: float | None,
     shape: "_Shape",
+    foreign: bool,
 ) -> None:
     """Heights, PV, slope errors and the wavefront of the residual."""
     less = quantity(fit.rms_less_noise, "mm", size=fit.rms)
@@ -252,7 +253,8 @@ def _residual(
         residual["slope error"] += (
             f"; with its noise {quantity(1e6 * along_x.rms, 'µrad')}, {quantity(1e6 * along_y.rms, 'µrad')}"
         )
-    residual["left out"] = "the outermost ring of good pixels, whose centres may see no mirror"
+    if not foreign:
+        residual["left out"] = "the outermost ring of good pixels, whose centres may see no mirror"
     if waves is not None:
         scaled = ([ol.metrology.in_waves(each, waves) for each in one] for one in (rms, pv))
         texts = [by_parts(one, "waves") for one in scaled]

@@ -20,19 +20,19 @@ Lengths in mm, slopes in mm per mm; z > 0 is towards the camera: a concave mirro
 from .apertures import aperture_circle, aperture_mask
 from .figures import Verdict, in_waves, judge, pvr
 from .filters import gaussian_filter
-from .fit import FormFit, Numbers, fit_form
+from .fit import FOREIGN, FormFit, Numbers, fit_form
 from .forms import form_names
 from .lines import Profile, Spectrum, profile, profile_of, spectrum
-from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, load_measured, load_nominal
+from .nominal import NOMINAL_SUFFIXES, Nominal, fit_nominal, grid_of, load_measured, load_nominal
 from .runs import RunComparison, compare_runs, in_common
 from .slope_error import SlopeError, slope_errors
 from .zernike import ZernikeFit, fit_zernike
 from .zernike_terms import ansi_index, fringe_index, zernike, zernike_name
 
 __all__ = [
-    "NOMINAL_SUFFIXES", "FormFit", "Nominal", "Numbers", "Profile", "RunComparison", "SlopeError",
-    "Spectrum", "Verdict", "ZernikeFit", "ansi_index", "aperture_circle", "aperture_mask", "compare_runs",
-    "fit_form", "fit_nominal", "fit_zernike", "form_names", "fringe_index", "gaussian_filter",
-    "in_common", "in_waves", "judge", "load_measured", "load_nominal", "profile", "profile_of", "pvr",
-    "slope_errors", "spectrum", "zernike", "zernike_name",
+    "FOREIGN", "NOMINAL_SUFFIXES", "FormFit", "Nominal", "Numbers", "Profile", "RunComparison",
+    "SlopeError", "Spectrum", "Verdict", "ZernikeFit", "ansi_index", "aperture_circle", "aperture_mask",
+    "compare_runs", "fit_form", "fit_nominal", "fit_zernike", "form_names", "fringe_index",
+    "gaussian_filter", "grid_of", "in_common", "in_waves", "judge", "load_measured", "load_nominal",
+    "profile", "profile_of", "pvr", "slope_errors", "spectrum", "zernike", "zernike_name",
 ]  # fmt: skip

@@ -19,10 +19,12 @@ from .forms import Form, form_from_text
 from .functionals import SlopeNoise, modes_variance, noise_covariance, residual_noise, root_sigma
 
 __all__ = [
-    "FormFit", "Numbers", "covariances_of", "differences", "fit_form", "leftovers", "placed",
+    "FOREIGN", "FormFit", "Numbers", "covariances_of", "differences", "fit_form", "leftovers", "placed",
     "slope_noise",
 ]  # fmt: skip
 
+#: Method of a map that was read from a grid.
+FOREIGN = "grid"
 _STEPS = 30
 _STEEPEST = 1e3  # mm per mm: larger sigmas of slopes are no measurement
 _SETTLED = 1e-9  # rms of the last step's change of the form over the rms residual, at convergence
@@ -244,8 +246,9 @@ def placed(
     enough good pixels. aperture (H, W): pixels to use; ring: False where the map is without it already.
 
     The outermost ring of good pixels is left out: their centres may see no mirror. Where the map ends at the
-    image's border, there is none.
+    image's border, there is none, and none of a grid (FOREIGN), whose points lie on what was measured.
     """
+    ring = ring and height.diagnostics.method != FOREIGN
     mirror = scipy.ndimage.binary_fill_holes(height.good)
     inside = scipy.ndimage.binary_erosion(mirror, np.ones((3, 3)), border_value=1) if ring else mirror
     good = height.good & inside & np.isfinite(height.z)

@@ -20,13 +20,14 @@ from scipy.spatial.transform import Rotation
 from optolever.arrays import Floats
 from optolever.errors import InputError, damage_of, require_file
 from optolever.maps import READABLE, read_grid
-from optolever.reconstruct import Grid, HeightFlag, HeightMap, SlopeMap
+from optolever.reconstruct import Diagnostics, Grid, HeightFlag, HeightMap, SlopeMap
 
-from .fit import FormFit, Numbers, leftovers, placed, slope_noise
+from .fit import FOREIGN, FormFit, Numbers, leftovers, placed, slope_noise
 from .functionals import noise_covariance
 
 __all__ = [
-    "NOMINAL_SUFFIXES", "Nominal", "extended", "fit_nominal", "load_measured", "load_nominal", "surface_of",
+    "NOMINAL_SUFFIXES", "Nominal", "extended", "fit_nominal", "grid_of", "load_measured", "load_nominal",
+    "surface_of",
 ]  # fmt: skip
 
 NOMINAL_SUFFIXES = (".npz", *READABLE, ".stl", ".ply")
@@ -61,7 +62,7 @@ def load_nominal(path: str | Path) -> Nominal:
         raise InputError(f"{file}: suffix {suffix!r}, must be {' or '.join(NOMINAL_SUFFIXES)}")
     if suffix in (".stl", ".ply"):
         return _of_points(file, _vertices(file))
-    grid = _grid_of(file)
+    grid = grid_of(file)
     return surface_of(HeightMap.load(file).resample() if grid is None else grid)
 
 
@@ -201,15 +202,16 @@ def _of_points(file: Path, points: Floats) -> Nominal:
 def load_measured(path: str | Path) -> HeightMap:
     """A height map's or grid's .npz, or a grid of another program (`optolever.maps`), whose sigma is 0."""
     file = Path(path)
-    if (grid := _grid_of(file)) is None:
+    if (grid := grid_of(file)) is None:
         return HeightMap.load(file)
     x, y = np.meshgrid(grid.x, grid.y)
     flags = np.where(np.isfinite(grid.z), 0, int(HeightFlag.NO_ANCHOR)).astype(np.uint16)
-    return HeightMap(x, y, grid.z, grid.sigma, flags)
+    return HeightMap(x, y, grid.z, grid.sigma, flags, Diagnostics(FOREIGN))
 
 
-def _grid_of(file: Path) -> Grid | None:
+def grid_of(path: str | Path) -> Grid | None:
     """The grid of another program's file or of a Grid's .npz; None of any other."""
+    file = Path(path)
     if file.suffix.lower() in READABLE:
         z, pitch, x0, y0 = read_grid(file)
         return Grid(z, np.zeros(z.shape), x0, y0, pitch)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from optolever.arrays import Floats
 from optolever.errors import InputError
-from optolever.reconstruct import Grid, HeightFlag, HeightMap
+from optolever.reconstruct import Grid, HeightFlag, HeightMap, natural_pitch
 
 from .fit import FormFit
 from .nominal import extended, surface_of
@@ -53,10 +53,22 @@ class RunComparison:
 
 
 def in_common(heights: Sequence[HeightMap]) -> list[HeightMap]:
-    """The maps, each flagged wherever one of them is, so that forms of them are of one area. Maps of
-    different sizes are left as they are."""
-    if len({height.z.shape for height in heights}) > 1:
-        return list(heights)
+    """The maps, each flagged wherever one of them is, so that forms of them are of one area. InputError
+    where their sizes differ, or their pixels see other places (of the median pixel by more than its size)."""
+    first = heights[0]
+    for k, height in enumerate(heights[1:], 2):
+        if height.z.shape != first.z.shape:
+            sizes = " and ".join(" x ".join(map(str, each.z.shape)) for each in (first, height))
+            raise InputError(f"maps 1 and {k}: have {sizes} pixels, must be of one rig and one mirror")
+        both = first.good & height.good
+        apart = np.hypot(height.x - first.x, height.y - first.y)[both]
+        if not both.any() or np.median(apart) > natural_pitch(first.x, first.y, first.good):
+            far = (
+                f"see places {np.median(apart):.3g} mm apart"
+                if both.any()
+                else "have no good pixel in common"
+            )
+            raise InputError(f"maps 1 and {k}: their pixels {far}, must be of one rig and one mirror")
     flags = np.bitwise_or.reduce([height.flags for height in heights])
     return [replace(height, flags=flags) for height in heights]
 

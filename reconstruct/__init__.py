@@ -25,7 +25,7 @@ from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate
 from .load import contacts
 from .outputs.curvature import CurvatureMap, curvature_map
-from .outputs.resampling import GRID_FORMATS, Grid
+from .outputs.resampling import GRID_FORMATS, Grid, natural_pitch
 from .outputs.slope_map import SlopeMap, slope_map, with_slope_noise
 from .rig.hypotheses import explain
 from .solver.anchors import Anchor, EdgeAnchor, PixelAnchor, PointAnchor
@@ -38,6 +38,6 @@ __all__ = [
     "GRID_FORMATS", "HEIGHT_FORMATS", "NOISE", "TOTAL", "Anchor", "ColumnPoisson", "Contact",
     "CurvatureMap", "Diagnostics", "EdgeAnchor", "Grid", "HeightFlag", "HeightMap", "Integral",
     "PixelAnchor", "PointAnchor", "SlopeMap", "budget", "contacts", "curvature_map",
-    "exact_correspondence", "explain", "integrate", "map_at_rest", "null_space", "reconstruct", "slope_map",
-    "with_slope_noise",
+    "exact_correspondence", "explain", "integrate", "map_at_rest", "natural_pitch", "null_space",
+    "reconstruct", "slope_map", "with_slope_noise",
 ]  # fmt: skip

@@ -209,7 +209,7 @@ class HeightMap(Comparable):
             sigma=np.sqrt(np.maximum(variance, np.square(self.sigma - other.sigma))),
             flags=self.flags | other.flags,
             diagnostics=Diagnostics("difference"),
-            notices=tuple(dict.fromkeys((*self.notices, *other.notices))),
+            notices=tuple(dict.fromkeys((*self._without_rest(other), *self.notices, *other.notices))),
             tests=(),
             references=(),
             shared=None,
@@ -261,6 +261,13 @@ class HeightMap(Comparable):
             np.tensordot((vectors * np.sqrt(part)).T, own, 1)[part > 0] for part in (1 - values, values)
         )
 
+    def _without_rest(self, other: HeightMap) -> list[Notice]:
+        """Whether errors of a rig stay in the difference, since no rest capture is common to both maps."""
+        if self._rest() & other._rest() or not (self.count and other.count):
+            return []
+        name = "Errors of the rig do not cancel in this difference: its maps have no rest capture in common"
+        return [Notice.plain(name, "solve one press against the other: reconstruct --rest")]
+
     def _rest(self) -> set[str]:
         """The rest capture's name."""
         return {name for name in self.references if name.startswith("rest ")}
@@ -288,7 +295,8 @@ class HeightMap(Comparable):
         return np.hypot(np.hypot(self.sigma, self.calibration_sigma), self.sinking)
 
     def difference(self, other: HeightMap) -> tuple[Floats, Floats]:
-        """z of this map less another one, and its standard deviation (mm)."""
+        """z of this map less another one, and its standard deviation (mm). Of two presses of one rig
+        `reconstruct(press, scene, rest=other)` is more exact: the errors of the rig cancel."""
         change = self - other
         return change.z, change.total_sigma
 

@@ -84,7 +84,9 @@ class Measurement:
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Notices of the map, preceded by those of records that are not of this map."""
-        return *self._other_rig(), *self._other_rest(), *self.height.notices
+        changes = (self.height - other for other in self.less.values())
+        own = *self._other_rig(), *self._other_rest(), *self.height.notices
+        return tuple(dict.fromkeys((*own, *(each for change in changes for each in change.notices))))
 
     def _other_rest(self) -> list[Notice]:
         """Whether either the heights or the slopes alone are less a rest capture."""

@@ -243,3 +243,35 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
     runs = figures("h.npz", "--rotations", "0,0", "--out", "p.npz")
     assert runs["mirror_rms_mm"] < whole["rms_mm"]  # of the square that all turns share
     assert max(runs["left_rms_mm"].values()) < 1e-9
+
+
+def test_maps_of_two_mirrors_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    height = measured((1e-3, 0, 0), (0, 0, 0))[0]
+    rows, cols = height.z.shape
+    maps = {"h": height, "far": replace(height, x=height.x + 25.0), "wide": replace(height, x=1.5 * height.x)}
+    files = [str(tmp_path / f"{name}.npz") for name in maps]
+    for file, each in zip(files, maps.values(), strict=True):
+        each.save(file)
+    less = HeightMap(*(part[:-1] for part in (height.x, height.y, height.z, height.sigma, height.flags)))
+    less.save(tmp_path / "less.npz")
+    for file in (*files[1:], str(tmp_path / "less.npz")):
+        assert run(["form", files[0], file]) == 2
+        said = capfd.readouterr().err.strip()
+        assert "\n" not in said
+        assert "maps 1 and 2" in said
+        assert f"{rows} x {cols}" in said or "mm apart" in said
+
+
+def test_a_grid_of_another_program_keeps_its_ring_and_its_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    x = np.tile(np.arange(20.0), (16, 1))
+    z = 1e-3 * np.square(x - 9.5)  # highest on its ring
+    Grid(z, np.zeros(z.shape), x0=0.3, y0=0.1, pitch=0.7).export("g.x3p")
+    assert run(["form", "g.x3p", "--remove", "piston", "--json", "f.json"]) == 0
+    assert json.loads(Path("f.json").read_text())["pv_mm"] == pytest.approx(np.ptp(z), rel=1e-6)
+    assert run(["export", "g.x3p", "e.npz"]) == 0
+    again = Grid.load("e.npz")
+    assert (again.x0, again.y0, again.pitch) == pytest.approx((0.3, 0.1, 0.7))
+    assert again.z == pytest.approx(z)

@@ -1,11 +1,14 @@
 """Differences of two maps of one rest capture and one anchor: their errors count once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import lab.figures.contacts as drawn
 from optolever.decode import Correspondence
 from optolever.reconstruct import HeightMap, reconstruct
-from optolever.scene import Surface, dent, load, resize, trace
+from optolever.scene import Scene, Surface, dent, load, resize, rig_covariance, trace
 
 from .conftest import correspondence_of
 
@@ -49,3 +52,43 @@ def test_noise_of_a_common_rest_capture_counts_once(rest_noise: float, least: fl
 @pytest.mark.parametrize("rest_noise", [NOISE, pytest.param(5 * NOISE, marks=pytest.mark.slow)])
 def test_nothing_cancels_of_two_rest_captures(rest_noise: float) -> None:
     assert 0.85 < spread(differences(rest_noise, common=False)) < 1.15
+
+
+def error_over_sigma(scene: Scene, truth: Scene, seed: int) -> float:
+    """Rms over the good pixels of a press less another one, captured by the true rig, solved as `rest`."""
+    rng, seen, true = np.random.default_rng(seed), [], []
+    for peak in (0.20, 0.25):
+        where, exact = drawn.captured(truth, dent("gaussian", scene, peak=peak, sigma=6.0), NOISE, rng)
+        seen.append(where)
+        true.append(exact.z)
+    height = reconstruct(seen[1], scene, rest=seen[0])
+    assert height.good.mean() > 0.9
+    score = (height.z - (true[1] - true[0])) / height.total_sigma
+    return float(np.sqrt(np.mean(np.square(score[height.good]))))
+
+
+def test_a_press_against_another_one_holds_on_wrong_rigs() -> None:
+    """On rigs drawn from the typed covariance, on one of a thirtieth of it (calibrated), on an exact one."""
+    typed = resize(load("prism48"), 48, 64)
+    known, found = rig_covariance(typed), []
+    assert known is not None
+    for seed in range(7):
+        part = 1.0 if seed < 6 else 1 / 30
+        share = part**2
+        change = part * np.random.default_rng(seed).standard_normal(len(known.root)) @ known.root
+        own = replace(known, matrix=share * known.matrix, parts=share * np.asarray(known.parts))
+        scene = typed if seed < 6 else replace(typed, covariance=own, accuracy=None)
+        found.append(error_over_sigma(scene, drawn.changed(typed, change), seed))
+    assert 0.3 < np.sqrt(np.mean(np.square(found))) < 1.2, found
+    assert max(found) < 1.5, found
+    assert error_over_sigma(SCENE, SCENE, 7) < 1.2
+
+
+@pytest.mark.parametrize("against_rest", [False, True])
+def test_a_difference_without_a_common_rest_says_so(against_rest: bool) -> None:
+    scene, rng = resize(load("prism48"), 24, 32), np.random.default_rng(3)
+    seen = [drawn.captured(scene, dent("gaussian", scene, peak=peak, sigma=6.0), NOISE, rng)[0]
+            for peak in (1e-6, 0.05, 0.08)]  # fmt: skip
+    one, two = (reconstruct(each, scene, rest=seen[0] if against_rest else None) for each in seen[1:])
+    said = [str(each) for each in (two - one).notices if "do not cancel" in str(each)]
+    assert bool(said) is not against_rest
