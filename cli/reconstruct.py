@@ -248,8 +248,9 @@ def _rows(numbers: dict[str, Any], layer: "ol.scene.Layer | None", verbose: bool
         ),
     }
     if verbose and numbers["chi2"] is not None:
-        freedom, by = numbers["freedom"], "" if rig is None else " and the errors of the rig"
-        rows["chi2"] = f"{number(numbers['chi2'])} per degree of freedom ({freedom} of them), 1 by noise{by}"
+        by = "noise explains it" if rig is None else "noise and the errors of the rig explain it"
+        freedom = f"{numbers['freedom']} degrees of freedom"
+        rows["curl"] = f"reduced chi2 {number(numbers['chi2'])} of the slopes, {freedom}; 1: {by}"
     if "height_rms_rel" in numbers:
         rows["error"] = f"{number(numbers['height_rms_rel'])} of the peak depth, rms"
         rows["rms(error / sigma)"] = number(numbers["sigma_ratio_total"])
