@@ -98,6 +98,14 @@ def test_facets_by_name(tmp_path: Path) -> None:
         load_sofast_rig(path)
 
 
+def test_an_undefined_mirror_ends_at_its_outermost_pixels(tmp_path: Path) -> None:
+    """10 x 20 pixels of 20 mm."""
+    fields = rig_fields({"screen_x": 0.7, "screen_y": 0.4})
+    known = {name: value for name, value in fields.items() if not name.endswith("v_facet_corners")}
+    rig = load_sofast_rig(h5_file(tmp_path / "r.h5", known))
+    assert (rig.scene.mirror.length, rig.scene.mirror.width) == pytest.approx((380, 180))
+
+
 def inputs(folder: Path, distance: float = 9.0, name: str = "optic_screen_dist") -> list[Path]:
     """A camera at the origin that looks along z, the screen beside it, a measurement, each in a file."""
     frames = np.zeros((40, 60, 2), np.uint8)
