@@ -12,7 +12,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
-from .options import Dent, Json, Renderer, SceneName, Size, sections
+from .options import Colour, Dent, Json, Renderer, SceneName, Size, colours_of, sections
 from .outputs import OutputFile
 from .printing import number, progress, table, write_json
 
@@ -84,6 +84,7 @@ def command(
     blurs: Annotated[tuple[float, ...], BLUR] = (),
     exposure: Annotated[float, EXPOSURE] = 0.0,
     added: Annotated[tuple[str, ...], ADD] = (),
+    colour: Colour = None,
     verify: Annotated[int, VERIFY] = 3,
     seeds: Annotated[int, SEEDS] = 3,
     renderer: Renderer = "auto",
@@ -99,7 +100,8 @@ def command(
     The prediction runs the decoder on simulated images of the scene (of a large camera: on windows of its
     image), and then the solver. Codes that fail too often or lose pixels are listed last; codes of --add are
     always printed. +-: standard deviation of the simulated error over the seeds; measured: share of the
-    pixels with a height. Noise ([profile]), response and lag of a rig's TOML are used.
+    pixels with a height. Noise ([profile]), response, crosstalk ([colour]) and lag of a rig's TOML are used.
+    --colour: also codes in colour; frames are pictures then.
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
     acquisition, for every combination of noise and faults.
@@ -125,7 +127,8 @@ def command(
                 for row in design.compare_codes(
                     scene, dent or scene.dent or "flat", codes,
                     faults=faults, noises=noises, rate=rate, seeds=range(seeds),
-                    calibrated=rig.calibrated, resized=resized, renderer=renderer, progress=step,
+                    calibrated=rig.calibrated, resized=resized, colour=colour, renderer=renderer,
+                    progress=step,
                 ):  # fmt: skip
                     rows.append(row)
                     with step.aside():
@@ -148,7 +151,7 @@ def command(
             fault.on(scene), dent or scene.dent or "flat",
             frames=frames, refresh=rate, noise=noise, verify=verify, seeds=seeds,
             extra=extra, lag=fault.lag, calibrated=rig.calibrated and fault.gamma is None,
-            renderer=renderer, progress=step,
+            colour=colour, renderer=renderer, progress=step,
         )  # fmt: skip
     chosen = found.chosen
     with ol.files.together():
@@ -208,8 +211,14 @@ def _of_rig(name: str) -> _Rig:
         electrons = 1 / (unit * noise.gain) if noise.gain > 0 else 0.0
         sensor = replace(scene.sensor or ol.projector.NOMINAL_SENSOR, noise=read, gain_e=electrons)
         lags = [effect.value for effect in profile.effects() if effect.name == "lag"]
-        rig = rig._replace(scene=replace(scene, sensor=sensor), noise=0.0, lag=sum(lags))
+        scene = replace(scene, sensor=sensor)
+        rig = rig._replace(scene=scene, noise=0.0, lag=sum(lags))
         known.append(f"noise of {read:.2g} levels and {electrons:.2g} electrons a level")
+    if (colours := colours_of(name)) is not None:
+        mix = colours.mix.clip(0) / colours.mix.sum(axis=1).max()
+        sensor = replace(scene.sensor or ol.projector.NOMINAL_SENSOR, mix=mix)
+        rig = rig._replace(scene=replace(scene, sensor=sensor))
+        known.append("crosstalk")
     timing = ol.camera.timing_of(Path(name)) if "sync" in held else None
     if timing is not None and not rig.lag:
         rig = rig._replace(lag=timing.lag(timing.ready_s()))

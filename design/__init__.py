@@ -10,7 +10,7 @@
 | `measuring_range.py` | measuring range and sensitivity of a scene |
 """
 
-from .candidates import Candidate, candidates, ladder, user_candidate
+from .candidates import Candidate, candidates, in_colour, ladder, user_candidate
 from .chart import Panel, condition_panels, write_tradeoff_chart
 from .measuring_range import SensorMaps, sensor_maps
 from .ranking import Design, merit, run_design
@@ -20,7 +20,7 @@ from .view import predict, view_of
 
 __all__ = [
     "LEAST_SHARE", "Candidate", "Design", "Lever", "Panel", "SensorMaps", "Simulation", "Tradeoff",
-    "candidates", "compare_codes", "condition_panels", "frame_rate", "ladder", "merit", "predict",
-    "row_of", "run_design", "sensor_maps", "simulated", "user_candidate", "view_of",
+    "candidates", "compare_codes", "condition_panels", "frame_rate", "in_colour", "ladder", "merit",
+    "predict", "row_of", "run_design", "sensor_maps", "simulated", "user_candidate", "view_of",
     "write_tradeoff_chart", "write_tradeoff_csv",
 ]  # fmt: skip

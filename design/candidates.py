@@ -4,12 +4,12 @@ a user's sequences: a Python callable, a folder of images with a description, or
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from optolever.errors import InputError
-from optolever.patterns import Frame, Sequence, bits_for, sequence_from_text, sequence_names
+from optolever.patterns import Frame, Sequence, bits_for, packed, sequence_from_text, sequence_names
 from optolever.samples import UserDecoder, UserImages, user_decoder, user_sequence
 
 #: Periods whose half is an integer number of cells: a Gray code cannot represent others exactly.
@@ -62,6 +62,17 @@ def candidates(rows: int, cols: int, frames: int) -> list[Candidate]:
         if name not in named and name not in NOT_DENSE:
             _add(found, name, rows, cols, frames)
     return list(found.values())
+
+
+def in_colour(grey: Iterable[Candidate], stripes: str, most: float = math.inf) -> Iterator[Candidate]:
+    """Those that can be shown in colour, packed, of at most `most` pictures."""
+    for one in grey:
+        try:
+            shown = packed(one.sequence, stripes)
+        except InputError:  # kinds of frames that are shown in grey alone, images, stripes that forbid it
+            continue
+        if one.decoder is None and shown.exposures <= most:
+            yield Candidate(f"{one.text} --colour {stripes}", shown)
 
 
 def _add(found: dict[str, Candidate], text: str, rows: int, cols: int, frames: int) -> None:

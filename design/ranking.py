@@ -15,7 +15,7 @@ from optolever.samples import Faults
 from optolever.scene import Scene, dent_from_text
 from optolever.timing import Stages
 
-from .candidates import Candidate, candidates
+from .candidates import Candidate, candidates, in_colour
 from .sensitivity import Lever
 from .tradeoff import LEAST_SHARE, Tradeoff, predicted, row_of, simulated
 
@@ -65,6 +65,7 @@ def run_design(
     extra: Many[Candidate] = (),
     lag: float = 0.0,
     calibrated: bool = False,
+    colour: str | None = None,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Design:
@@ -73,13 +74,16 @@ def run_design(
     dent: as on the command line, default: the scene's dent or the mirror at rest. noise: rms, 8-bit levels,
     in addition to the sensor's noise. verify: number of the best candidates that are simulated, each with
     `seeds` draws of noise; those with a user's decoder are simulated only, listed last. lag: share of the
-    preceding frame in each simulated frame. calibrated: the decoder knows the display's response. InputError
-    if nothing fits the budget.
+    preceding frame in each simulated frame. calibrated: the decoder knows the display's response. colour:
+    also candidates in colour of at most as many pictures, for stripes of that order. InputError if nothing
+    fits the budget.
     """
     pressed = dent or scene.dent or "flat"
     surface = dent_from_text(pressed, scene)
     pattern = scene.pattern
     offered = [*candidates(pattern.rows, pattern.cols, frames), *extra]
+    if colour is not None:
+        offered += in_colour(candidates(pattern.rows, pattern.cols, 3 * frames), colour, frames)
     by_text = {one.text: one for one in offered if one.decoder is None}
     if not by_text:
         raise InputError(f"frames: {frames}, no candidate fits; a fringe ladder on both axes needs 12")

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import cv2
@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence, Decoder, Flag, Response, Settings
 from optolever.errors import InputError
-from optolever.projector import NOMINAL_SENSOR
+from optolever.patterns import Sequence
+from optolever.projector import NOMINAL_SENSOR, ColourCapture, exact_response
 from optolever.reconstruct import HeightMap, reconstruct
 from optolever.samples import UserImages, levels_of, rms, sigma_ratio, with_noise
 from optolever.scene import Scene, Surface
@@ -105,9 +106,21 @@ class Lever:
     def _decoder(self, candidate: Candidate) -> Callable[[NDArray[Any]], Correspondence]:
         """The candidate's decoder, or this package's."""
         own, pattern = candidate.decoder, candidate.pattern
+        if own is None and candidate.sequence.packing is not None:
+            return self._decoded_colours(candidate.sequence)
         if own is None:
             return Decoder(candidate.sequence, settings=Settings(response=self.response)).decode
         return lambda frames: own(frames, pattern.levels if isinstance(pattern, UserImages) else pattern)
+
+    def _decoded_colours(self, sequence: Sequence) -> Callable[[NDArray[Any]], Correspondence]:
+        """Of pictures in colour, by the exact mix."""
+        colours, decoder = exact_response(self.view.sensor), cache(Decoder)
+
+        def decode(images: NDArray[Any]) -> Correspondence:
+            taken = ColourCapture(images, sequence).unmixed(colours)
+            return decoder(taken.sequence).decode(taken.frames)
+
+        return decode
 
     @cached_property
     def full(self) -> View:

@@ -10,11 +10,12 @@ from pathlib import Path
 
 from optolever.errors import InputError
 from optolever.files import write_rows
+from optolever.patterns import Sequence
 from optolever.records import Progress, silent
 from optolever.samples import Faults
 from optolever.scene import Scene, dent_from_text
 
-from .candidates import Candidate, user_candidate
+from .candidates import Candidate, in_colour, user_candidate
 from .sensitivity import Lever
 from .view import predict
 
@@ -82,14 +83,17 @@ def compare_codes(
     seeds: Many[int] = (0,),
     calibrated: bool = False,
     resized: bool = False,
+    colour: str | None = None,
     renderer: str = "auto",
     progress: Progress = silent,
 ) -> Iterator[Tradeoff]:
     """Every code ('PATTERN' or 'PATTERN@MODULE:FUNCTION') under every fault and noise, over seeds.
-    calibrated: the decoder knows the response of the scene's display, but no fault's gamma."""
+    calibrated: the decoder knows the response of the scene's display, but no fault's gamma. colour: also in
+    colour, for stripes of that order."""
     pattern = scene.pattern
     named = [user_candidate(code, pattern.rows, pattern.cols, resized=resized) for code in codes]
-    total, done = len(codes) * len(faults) * len(noises), 0
+    named += [] if colour is None else [*in_colour(named, colour)]
+    total, done = len(named) * len(faults) * len(noises), 0
     for fault in faults:
         faulty = fault.on(scene)
         surface = dent_from_text(dent or scene.dent or "flat", faulty)
@@ -105,7 +109,7 @@ def compare_codes(
 
 def row_of(code: Candidate, name: str, fault: Faults, noise: float, rate: float) -> Tradeoff:
     """The row of a code without a result; rate: frames per second."""
-    count = len(code.pattern)
+    count = code.pattern.exposures if isinstance(code.pattern, Sequence) else len(code.pattern)
     return Tradeoff(name, noise, fault.lag, fault.gamma, fault.flicker, fault.blur, count, count / rate)
 
 

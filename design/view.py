@@ -14,6 +14,7 @@ difference of the two errors is noise, half their sum is bias.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,16 @@ from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence, Flag, Response, decode
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
-from optolever.projector import NOMINAL_SENSOR, Footprints, footprints, light_of
-from optolever.scene import Scene, Sensor, Surface, Trace, resize, trace
+from optolever.projector import (
+    NOMINAL_SENSOR,
+    ColourCapture,
+    ColourResponse,
+    Footprints,
+    exact_response,
+    footprints,
+    light_of,
+)
+from optolever.scene import Display, Scene, Sensor, Surface, Trace, resize, trace
 
 FINEST = 128  # pixels along the shorter side above which a camera is thinned
 BLOCK, MARGIN = 24, 4  # pixels of a window, and of its margin, which is decoded but not used
@@ -58,6 +67,11 @@ class View:
     def sensor(self) -> Sensor:
         """The scene's sensor, or the nominal one."""
         return self.scene.sensor or NOMINAL_SENSOR
+
+    @property
+    def colours(self) -> ColourResponse:
+        """The sensor's, with three values in every pixel."""
+        return exact_response(replace(self.sensor, mosaic=None))
 
     @cached_property
     def usable(self) -> Mask:
@@ -172,14 +186,30 @@ def _decoded(
     view: View, sequence: Sequence, noise: float, response: Response | None
 ) -> Iterator[Correspondence]:
     """Correspondences of images of the view with noise of either sign."""
+    if sequence.packing is not None:  # drawn for its stripes, a fringe is as good as without
+        sequence = replace(sequence, packing=replace(sequence.packing, stripes="none"))
     sensor, white = view.sensor, 2**view.sensor.bits - 1
     kind = np.uint8 if sensor.bits == 8 else np.uint16
-    light = light_of(view.image, sequence, view.scene.display, view.scene.pattern.blur_px)
-    level = sensor.levels(np.maximum(light, 0.0))
+    level = sensor.levels(np.maximum(_light(view, sequence), 0.0))
     shot = np.maximum(level - sensor.offset, 0.0) / sensor.gain_e if sensor.gain_e > 0 else 0.0
     scatter = np.sqrt(noise**2 + sensor.noise**2 + shot)
     mean, scatter = (np.asarray(part * (white / 255), np.float32) for part in (level, scatter))
     drawn = scatter * np.random.default_rng([0, 11]).standard_normal(mean.shape, np.float32)
     for sign in (1, -1):
-        raw = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
-        yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, response=response)
+        raw: NDArray[Any] = np.rint(mean + sign * drawn).clip(0, white).astype(kind)
+        if sequence.packing is None:
+            yield decode(raw.reshape(-1, *view.shape), sequence, white_level=white, response=response)
+        else:
+            images = raw.reshape(-1, *view.shape, 3)
+            taken = ColourCapture(images, sequence, bits=sensor.bits).unmixed(view.colours)
+            yield decode(taken.frames, taken.sequence)
+
+
+def _light(view: View, sequence: Sequence) -> NDArray[np.float32]:
+    """Of the image's pixels (N, pixels), or (E, pixels, 3) of a colour camera."""
+    display, blur = view.scene.display or Display(), view.scene.pattern.blur_px
+    if sequence.packing is None:
+        return light_of(view.image, sequence, display, blur)
+    lights = [light_of(view.image, sequence.channel(c), display.channel(c), blur) for c in range(3)]
+    mix = view.colours.mix / view.sensor.exposure
+    return np.asarray(np.stack(lights, axis=-1) @ mix.T, np.float32)

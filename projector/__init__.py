@@ -19,7 +19,7 @@
 
 from .capture import Capture
 from .colour_capture import ColourCapture, load_capture
-from .colour_sensor import capture_colour
+from .colour_sensor import capture_colour, exact_response
 from .context import ContextInfo, NoContextError, context_info
 from .devices import (
     Accepted,
@@ -49,6 +49,6 @@ __all__ = [
     "CameraLost", "Capture", "ColourCapture", "ColourResponse", "ContextInfo", "Display", "Footprints",
     "Identity", "Image", "Monitor", "NoContextError", "PatternRenderer", "PatternWindow", "RealTime",
     "Shown", "Time", "Wanted", "capture", "capture_colour", "choose_monitor", "chosen_renderer",
-    "context_info", "footprints", "in_colour", "light_of", "load_capture", "monitors", "no_pixels",
-    "picture_files", "quads", "unmixed", "write_description",
+    "context_info", "exact_response", "footprints", "in_colour", "light_of", "load_capture", "monitors",
+    "no_pixels", "picture_files", "quads", "unmixed", "write_description",
 ]  # fmt: skip

@@ -10,13 +10,14 @@ from optolever.errors import InputError
 from optolever.memory import require_room
 from optolever.patterns import STRIPES, Sequence
 from optolever.records import Progress, silent
-from optolever.scene import Scene, Surface, resize
+from optolever.scene import Scene, Sensor, Surface, resize
 
 from .colour_capture import ColourCapture
 from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor
+from .unmixing import ColourResponse
 from .virtual import fitting_renderer, require_fit, strips
 
-__all__ = ["capture_colour"]
+__all__ = ["capture_colour", "exact_response"]
 
 
 @checked(scene=Scene, surface=Surface, sequence=Sequence)
@@ -82,6 +83,13 @@ def capture_colour(
         progress("rows", stop, rows)
     exact = replace(scene, accuracy=None, covariance=None)
     return ColourCapture(images, sequence, exact, times, depth, sensor.mosaic or "RGB")
+
+
+def exact_response(sensor: Sensor) -> ColourResponse:
+    """The mix of a sensor's colours, without an error."""
+    mix = sensor.exposure * np.asarray(NOMINAL_SENSOR.mix if sensor.mix is None else sensor.mix)
+    ends = np.array([0.0, 255.0]), np.tile([0.0, 1.0], (3, 1))
+    return ColourResponse(np.full(3, sensor.offset / 255), mix, 0 * mix, 0.0, *ends, sensor.mosaic)
 
 
 def _seen_at(scene: Scene, channel: int) -> Scene:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optolever.errors import InputError
 from optolever.patterns import Frame, Sequence
-from optolever.projector import NOMINAL_SENSOR, capture
+from optolever.projector import NOMINAL_SENSOR, capture, capture_colour
 from optolever.scene import Display, Scene, Sensor, Surface, Trace
 
 from .user_patterns import UserImages
@@ -49,7 +49,8 @@ class Faults:
 def levels_of(
     scene: Scene, surface: Surface, truth: Trace, pattern: Sequence | UserImages, lag: float, renderer: str
 ) -> Levels:
-    """Levels (N, H, W), 0 to 255, of a mirror without noise, of a display with lag."""
+    """Levels (N, H, W), 0 to 255, of a mirror without noise, of a display with lag; in colour as of
+    `capture_colour`, with the sequence's stripes."""
     quiet = replace(scene, sensor=replace(scene.sensor or NOMINAL_SENSOR, gain_e=0.0, noise=0.0))
     if isinstance(pattern, UserImages):
         levels = _image_levels(quiet, surface, truth, pattern, renderer)
@@ -62,7 +63,13 @@ def levels_of(
 
 
 def _captured_levels(scene: Scene, surface: Surface, pattern: Sequence, renderer: str) -> Levels:
-    frames = capture(scene, surface, pattern, renderer=renderer, bits=16).frames
+    if pattern.packing is None:
+        frames = capture(scene, surface, pattern, renderer=renderer, bits=16).frames
+    else:
+        stripes = pattern.packing.stripes
+        known = None if stripes in ("none", "unknown") else stripes
+        scene = replace(scene, pattern=replace(scene.pattern, stripes=known))
+        frames = capture_colour(scene, surface, pattern, renderer=renderer, bits=16).images
     return frames.astype(np.float32) * np.float32(255 / (2**16 - 1))
 
 

@@ -17,9 +17,9 @@ from optolever.projector import (
     NOMINAL_SENSOR,
     Capture,
     ColourCapture,
-    ColourResponse,
     capture,
     capture_colour,
+    exact_response,
 )
 from optolever.reconstruct import reconstruct
 from optolever.scene import Display, Scene, Surface, dent_from_text, load, resize, trace
@@ -150,9 +150,7 @@ def _levels(light: Pictures, case: Case, rng: np.random.Generator) -> NDArray[np
 
 def _unmixed(images: NDArray[np.uint8], shown: Sequence, case: Case, rng: np.random.Generator) -> Capture:
     """By the sensor's mix, off by the case's error."""
-    scale = NOMINAL_SENSOR.exposure
-    mix = (np.asarray(NOMINAL_SENSOR.mix) + case.mix * rng.standard_normal((3, 3))) * scale
-    dark, sigma = np.full(3, NOMINAL_SENSOR.offset / 255), np.full((3, 3), case.mix * scale)
-    ends = np.array([0.0, 255.0]), np.tile([0.0, 1.0], (3, 1))
-    response = ColourResponse(dark, mix, sigma, 0.0, *ends, case.mosaic)
-    return ColourCapture(images, shown).unmixed(response)
+    exact = exact_response(replace(NOMINAL_SENSOR, mosaic=case.mosaic))
+    off = case.mix * NOMINAL_SENSOR.exposure
+    mix = exact.mix + off * rng.standard_normal((3, 3))
+    return ColourCapture(images, shown).unmixed(replace(exact, mix=mix, mix_sigma=np.full((3, 3), off)))
