@@ -32,7 +32,6 @@ class Finite(click.FloatRange):
 
 
 ABOVE_0, AT_LEAST_0 = Finite(min=0, min_open=True), Finite(min=0)
-SHARE = click.FloatRange(0, 1, max_open=True)
 
 
 @dataclass(frozen=True)

@@ -152,18 +152,19 @@ class Many(Program):
         super().__init__(*args, **given)
         self.captures, self.folders = captures, folders
         self.imports = [f"optolever.{part}" for part in imports]
-        jobs = "Processes of one thread for several captures, whose results lie in the folder --out."
-        address = "Dask cluster that takes several captures, in place of processes (extra cluster)."
+        jobs = "Of several captures, whose results lie in the folder --out: processes of one thread each, or "
+        jobs += "the address of a Dask cluster (extra cluster)."
         again = "Do captures again that table.csv has of an earlier run."
         self.params += [
-            click.Option(["--jobs"], type=click.IntRange(1), default=1, metavar="N", help=jobs),
-            click.Option(["--scheduler"], metavar="ADDRESS", help=address),
+            click.Option(["--jobs"], default="1", metavar="N|ADDRESS", help=jobs),
             click.Option(["--again"], is_flag=True, help=again),
         ]
 
     def invoke(self, ctx: click.Context) -> Any:
         """The command itself for one capture, else every capture's; 2 if one of them ended with an error."""
-        jobs, scheduler, again = (ctx.params.pop(name) for name in ("jobs", "scheduler", "again"))
+        jobs, again = (ctx.params.pop(name) for name in ("jobs", "again"))
+        if ":" not in jobs and not (jobs.isdecimal() and int(jobs)):
+            raise InputError(f"--jobs {jobs}: must be a number from 1 or an address, such as tcp://host:8786")
         captures = ctx.params[self.captures]
         if len(captures) < 2 or (self.folders and not all(capture.is_dir() for capture in captures)):
             return super().invoke(ctx)
@@ -186,10 +187,10 @@ class Many(Program):
         out.mkdir(exist_ok=True)
         rows = dict[str, Row]()
         try:
-            with workers(jobs, scheduler, self.imports) as run, progress() as step:
+            with workers(jobs, self.imports) as run, progress() as step:
                 from optolever.kernels import are_compiled
 
-                if scheduler is None and not any(map(are_compiled, self.imports)):
+                if jobs.isdecimal() and not any(map(are_compiled, self.imports)):
                     step("compile kernels (once)")
                 for row in batch.rows(run):
                     rows[row.name] = row

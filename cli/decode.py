@@ -1,5 +1,6 @@
 """`optolever decode`: pictures (a capture folder, any camera's folder, a SOFAST file) to a correspondence."""
 
+import re
 import time
 from dataclasses import asdict, replace
 from functools import partial
@@ -12,7 +13,7 @@ from optolever.numbers import listed, whole
 
 from .arguments import AT_LEAST_0, Arg, Opt, Rare, program
 from .batch import Many
-from .options import Display, Json, Pictured, blame, checked_response, colours_of, mask_file, shown_sequence
+from .options import Display, Json, Pictured, blame, checked_response, colours_of, shown_sequence
 from .outputs import HDF5, OutputFile
 from .printing import (
     coverage_text,
@@ -50,7 +51,10 @@ OUT = Opt("--out C.npz", "File to write the correspondence to.", OutputFile(".np
 DESCRIPTION = Opt("--description TOML", "capture.toml by show, in place of --sequence and --pixels.")
 CHANNEL = Rare("--channel red|green|blue|luminance", "Channel of colour pictures.")
 RESPONSE = Opt("--response RIG.toml|H5", "Response to levels: of a rig (`response`), or by SOFAST.")
-ROI = Opt("--roi TOP,LEFT,ROWS,COLS", "Decode this rectangle only; the rest of C.npz is INVALID.")
+MASK = Opt(
+    "--mask PNG|TOP,LEFT,ROWS,COLS",
+    "Pixels to read: white in an image of the camera's size, or a rectangle; others are INVALID.",
+)
 LENS = Rare("--lens PX", "Rms blur of the lens, at most 4; default: 0.28, sigma allows 0 to 0.6.", AT_LEAST_0)
 PROFILE = Opt("--profile RIG.toml|NPZ", "Profile of the rig by --save-profile, instead of a new estimate.")
 SAVE = Opt("--save-profile RIG.toml|NPZ", "Store this capture's profile, with the rig or alone.", PROFILES)
@@ -69,8 +73,7 @@ def command(
     text: Pictured = None,
     display: Display = None,
     description: Annotated[Path | None, DESCRIPTION] = None,
-    mask_path: Annotated[Path | None, mask_file("Pixels to decode")] = None,
-    roi: Annotated[str | None, ROI] = None,
+    mask: Annotated[str | None, MASK] = None,
     response: Annotated[Path | None, RESPONSE] = None,
     profile: Annotated[Path | None, PROFILE] = None,
     save_profile: Annotated[Path | None, SAVE] = None,
@@ -94,7 +97,7 @@ def command(
         step("decode")
         with blame(source):
             start = time.perf_counter()
-            inside = mask_of(mask_path, roi, capture.shape)
+            inside = mask_of(mask, capture.shape)
             coloured = capture.sequence.packing is not None
             light = None if response is None or coloured else _response(response)
             settings = ol.decode.Settings(response=light, lens_px=lens, blur_px=blur)
@@ -165,23 +168,22 @@ def _numbers(result: "ol.decode.Correspondence") -> dict[str, Any]:
     }
 
 
-def mask_of(mask: Path | None, roi: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":
-    """Pixels (H, W) inside --mask and --roi; None: all."""
+def mask_of(text: str | None, shape: tuple[int, int]) -> "NDArray[np.bool_] | None":
+    """Pixels (H, W) of --mask; None: all."""
     import numpy as np
 
     from optolever.pictures import read_mask
 
-    if mask is None and roi is None:
+    if text is None:
         return None
-    inside = np.ones(shape, np.bool_) if mask is None else read_mask(mask, shape, "the frames")
-    if roi is not None:
-        form = "four whole numbers, TOP,LEFT,ROWS,COLS"
-        top, left, rows, cols = (whole("--roi", each) for each in listed("--roi", roi, form, 4))
-        rectangle = np.zeros(shape, np.bool_)
-        rectangle[top : top + rows, left : left + cols] = True
-        if min(top, left) < 0 or rows < 1 or cols < 1 or rectangle.sum() != rows * cols:
-            raise InputError(f"--roi {roi}: reaches beyond the frames of {shape[1]}x{shape[0]} pixels")
-        inside &= rectangle
+    if Path(text).exists() or not re.fullmatch(r"[-+\d.,\s]+", text):
+        return read_mask(Path(text), shape, "the frames")
+    form = "four whole numbers, TOP,LEFT,ROWS,COLS"
+    top, left, rows, cols = (whole("--mask", each) for each in listed("--mask", text, form, 4))
+    inside = np.zeros(shape, np.bool_)
+    inside[top : top + rows, left : left + cols] = True
+    if min(top, left) < 0 or rows < 1 or cols < 1 or inside.sum() != rows * cols:
+        raise InputError(f"--mask {text}: reaches beyond the frames of {shape[1]}x{shape[0]} pixels")
     return inside
 
 

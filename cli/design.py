@@ -1,18 +1,19 @@
 """`optolever design`: sequences for a scene, ranked by predicted height error."""
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import click
 
 import optolever as ol
 from optolever import InputError
+from optolever.numbers import parsed, written
 
-from .arguments import ABOVE_0, AT_LEAST_0, SHARE, Opt, program
-from .options import Colour, Dent, Json, Renderer, SceneName, Size, colours_of, sections
+from .arguments import ABOVE_0, AT_LEAST_0, Opt, program
+from .options import Colour, Dent, Json, SceneName, Size, colours_of, sections
 from .outputs import OutputFile
 from .printing import number, progress, table, write_json
 
@@ -35,7 +36,7 @@ FRAMES = Opt("--frames N", "Maximum number of frames.", click.IntRange(min=2))
 REFRESH = Opt("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
 CODES = Opt(
     "--code PATTERN[@DECODER]",
-    "Compare these codes, each as in --add, in place of a ranking; the next five options are then axes: each "
+    "Compare these codes, each as in --add, in place of a ranking; --noise and --fault are then axes: each "
     "may be given several times.",
 )
 NOISE = Opt(
@@ -43,14 +44,12 @@ NOISE = Opt(
     "Noise of a frame beside the sensor's, 8-bit levels; default 1, 0 for a rig with [profile].",
     AT_LEAST_0,
 )
-LAG = Opt(
-    "--lag SHARE",
-    "Share of the preceding frame in each simulated frame; not predicted; default: the rig's.",
-    SHARE,
+FAULT = Opt(
+    "--fault NAME=VALUE",
+    "In place of the rig's: lag, the share of the preceding frame in each simulated frame (not predicted), "
+    "gamma of the display (unknown to the decoder), flicker, the amplitude of the light at 100 Hz, blur "
+    "(rms, cells).",
 )
-GAMMA = Opt("--gamma G", "Gamma of the display in place of the scene's; unknown to the decoder.", ABOVE_0)
-FLICKER = Opt("--flicker SHARE", "Amplitude of the light at 100 Hz, in simulated frames.", SHARE)
-BLUR = Opt("--blur CELLS", "Rms blur in place of the scene's.", AT_LEAST_0)
 EXPOSURE = Opt("--exposure MS", "Exposure of a frame, rounded up to full refreshes.", AT_LEAST_0)
 ADD = Opt(
     "--add PATTERN",
@@ -62,10 +61,11 @@ ADD = Opt(
 VERIFY = Opt("--verify N", "Number of the best candidates to simulate.", click.IntRange(min=0))
 _ROWS = 12  # of the table that is printed; the JSON file has all
 SEEDS = Opt("--seeds N", "Draws of noise of each simulation.", click.IntRange(min=1))
-OUT = Opt("--out FILE.toml", "Gets the best sequence, for show --sequence.", OutputFile(".toml", bare=False))
-CHART = Opt("--chart FILE.png", "With --code: error over both times.", OutputFile(".png", bare=False))
-CSV = Opt("--csv FILE.csv", "With --code: all numbers.", OutputFile(".csv", bare=False))
-
+OUT = Opt(
+    "--out FILE.toml|png",
+    "Gets the best sequence, for show --sequence; with --code a chart (.png) of the error over both times.",
+    OutputFile(".toml", ".png", bare=False),
+)
 
 RANGE = Opt("--range", "Print the measuring range and sensitivity of the scene instead.")
 
@@ -78,21 +78,15 @@ def command(
     refresh: Annotated[float, REFRESH] = 60.0,
     codes: Annotated[tuple[str, ...], CODES] = (),
     noises: Annotated[tuple[float, ...], NOISE] = (),
-    lags: Annotated[tuple[float, ...], LAG] = (),
-    gammas: Annotated[tuple[float, ...], GAMMA] = (),
-    flickers: Annotated[tuple[float, ...], FLICKER] = (),
-    blurs: Annotated[tuple[float, ...], BLUR] = (),
+    given: Annotated[tuple[str, ...], FAULT] = (),
     exposure: Annotated[float, EXPOSURE] = 0.0,
     added: Annotated[tuple[str, ...], ADD] = (),
     colour: Colour = None,
     verify: Annotated[int, VERIFY] = 3,
     seeds: Annotated[int, SEEDS] = 3,
-    renderer: Renderer = "auto",
     size: Size = None,
     measuring: Annotated[bool, RANGE] = False,
     out: Annotated[Path | None, OUT] = None,
-    chart: Annotated[Path | None, CHART] = None,
-    csv_path: Annotated[Path | None, CSV] = None,
     json_path: Json = None,
 ) -> None:
     """Rank codes for a scene by predicted error; simulate the best.
@@ -104,7 +98,7 @@ def command(
     --colour: also codes in colour; frames are pictures then.
 
     With --code: predicted and simulated error of the named codes beside CPU seconds and seconds of
-    acquisition, for every combination of noise and faults.
+    acquisition, for every combination of noise and faults; --json FILE.csv gets a row each.
 
     With --range: slopes, total reflection, lever, free mode, error bars, medians over the mirror at rest on a
     thinned camera (error bars: of the full one). Balls: how deep they may press before `live` loses cells.
@@ -113,12 +107,13 @@ def command(
 
     rate = design.frame_rate(refresh, exposure)
     rig = _of_rig(scene_name)
-    axes = product(lags or (rig.lag,), gammas or (None,), flickers or (None,), blurs or (None,))
-    faults, noises = [ol.samples.Faults(*each) for each in axes], noises or (rig.noise,)
+    faults, noises = _faults(given, rig.lag), noises or (rig.noise,)
     scene, resized = rig.scene if size is None else ol.scene.resize(rig.scene, *size), size is not None
     if measuring:
         _print_range(scene, (*codes, "gray+phase")[0], noises[0], json_path)
         return
+    if out is not None and bool(codes) == (out.suffix.lower() == ".toml"):
+        raise InputError(f"--out {out}: must be .png, a chart, with --code, and .toml, a sequence, without")
     if codes:
         rows = list[design.Tradeoff]()
         title = f"{scene.name}, {scene.camera.cols} x {scene.camera.rows}, {seeds} draws{rig.known}"
@@ -127,22 +122,22 @@ def command(
                 for row in design.compare_codes(
                     scene, dent or scene.dent or "flat", codes,
                     faults=faults, noises=noises, rate=rate, seeds=range(seeds),
-                    calibrated=rig.calibrated, resized=resized, colour=colour, renderer=renderer,
-                    progress=step,
+                    calibrated=rig.calibrated, resized=resized, colour=colour, progress=step,
                 ):  # fmt: skip
                     rows.append(row)
                     with step.aside():
                         _print_row(row, len(rows) == 1, max(map(len, codes)), title)
         finally:  # Ctrl-C keeps what there is
             with ol.files.together():
-                if csv_path is not None:
-                    design.write_tradeoff_csv(csv_path, rows)
-                if chart is not None:
-                    design.write_tradeoff_chart(chart, design.condition_panels(rows), title)
-                write_json(json_path, {"rows": [asdict(row) for row in rows]})
+                if out is not None:
+                    design.write_tradeoff_chart(out, design.condition_panels(rows), title)
+                if json_path is not None and json_path.suffix.lower() == ".csv":
+                    design.write_tradeoff_csv(json_path, rows)
+                else:
+                    write_json(json_path, {"rows": [asdict(row) for row in rows]})
         return
-    if len(faults) * len(noises) > 1 or chart or csv_path:
-        raise InputError("--code: missing; several noises or faults, --chart and --csv compare named codes")
+    if len(faults) * len(noises) > 1:
+        raise InputError("--code: missing; several noises or faults compare named codes")
     (fault,), (noise,) = faults, noises
     cells = scene.pattern.rows, scene.pattern.cols
     extra = [design.user_candidate(text, *cells, resized=resized) for text in added]
@@ -151,7 +146,7 @@ def command(
             fault.on(scene), dent or scene.dent or "flat",
             frames=frames, refresh=rate, noise=noise, verify=verify, seeds=seeds,
             extra=extra, lag=fault.lag, calibrated=rig.calibrated and fault.gamma is None,
-            colour=colour, renderer=renderer, progress=step,
+            colour=colour, progress=step,
         )  # fmt: skip
     chosen = found.chosen
     with ol.files.together():
@@ -163,6 +158,16 @@ def command(
     for row in best:
         _print_row(row, row is best[0], width, f"{scene.name}, at most {frames} frames{rig.known}")
     _print_choice(found, out)
+
+
+def _faults(given: tuple[str, ...], lag: float) -> "list[ol.samples.Faults]":
+    """Every combination of --fault; lag: of the rig."""
+    axes: dict[str, list[Any]] = {each.name: [] for each in fields(ol.samples.Faults)}
+    for text in given:
+        for name, value in written("--fault", text, f"NAME=VALUE of {', '.join(axes)}", axes).items():
+            axes[name].append(parsed(f"--fault {name}", value))
+    axes["lag"] = axes["lag"] or [lag]
+    return [ol.samples.Faults(*each) for each in product(*(values or [None] for values in axes.values()))]
 
 
 def _print_choice(found: "ol.design.Design", out: Path | None) -> None:

@@ -10,8 +10,8 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, program
-from .decode import CHANNEL, DESCRIPTION, ROI, WITHOUT, mask_of, read_capture
-from .options import Display, Json, Pictured, blame, load_scene, mask_file
+from .decode import CHANNEL, DESCRIPTION, MASK, WITHOUT, mask_of, read_capture
+from .options import Display, Json, Pictured, blame, load_scene
 from .outputs import OutputFile
 from .printing import grid, number, print_notices, progress, write_json
 
@@ -35,8 +35,7 @@ def command(
     text: Pictured = None,
     display: Display = None,
     description: Annotated[Path | None, DESCRIPTION] = None,
-    mask_path: Annotated[Path | None, mask_file("Pixels to look at")] = None,
-    roi: Annotated[str | None, ROI] = None,
+    mask: Annotated[str | None, MASK] = None,
     channel: Annotated[Literal["red", "green", "blue", "luminance"], CHANNEL] = "luminance",
     left_out: Annotated[str | None, WITHOUT] = None,
     scene: Annotated[str | None, SCENE] = None,
@@ -60,7 +59,7 @@ def command(
         capture = read_capture(sources, text, display, description, channel, left_out)
         step("explain")
         with blame(sources[0]):
-            inside = mask_of(mask_path, roi, capture.shape)
+            inside = mask_of(mask, capture.shape)
             mistakes = ol.decode.explain(capture.frames, capture.sequence, mask=inside)
     print_notices(capture.notices)
     numbers = [{**asdict(one), "sequence": one.sequence and one.sequence.to_dict()} for one in mistakes]

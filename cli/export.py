@@ -5,8 +5,8 @@ from typing import Annotated
 
 import optolever as ol
 
-from .arguments import Arg, program
-from .options import Json, Pitch, blame
+from .arguments import ABOVE_0, Arg, Opt, program
+from .options import Json, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
 from .printing import number, possible, table, write_json
 
@@ -19,12 +19,14 @@ Exported h.npz
   h.xyz  0.319 MB
 """
 
+PITCH = Opt("--pitch MM", "Pitch of the regular grid; default: about that of the camera's pixels.", ABOVE_0)
+
 
 @program("export", SAMPLE)
 def command(
     source: Annotated[Path, Arg("H.npz")],
     files: Annotated[tuple[Path, ...], Arg("FILE...", OutputFile(*HEIGHT_SUFFIXES, bare=False))],
-    pitch: Pitch = None,
+    pitch: Annotated[float | None, PITCH] = None,
     json_path: Json = None,
 ) -> None:
     """Write a height map in other programs' formats.

@@ -4,13 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from math import isfinite, isinf, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-import click
+from typing import TYPE_CHECKING, Annotated, Any
 
 import optolever as ol
 from optolever import InputError
-from optolever.numbers import listed
+from optolever.numbers import listed, written
 from optolever.quantities import by_parts, quantity, two_digits
 
 from .arguments import ABOVE_0, Arg, Opt, Rare, program
@@ -48,7 +46,11 @@ REMOVE = Opt(
     "piston, tilt, power, paraboloid, sphere (default), conic, asphere, off-axis or cylinder; given numbers "
     "(mm) are fixed (sphere:radius=4000, off-axis:distance=100).",
 )
-ZERNIKE = Opt("--zernike ORDER", "Also Zernike coefficients up to this radial order.", click.IntRange(1, 20))
+ZERNIKE = Opt(
+    "--zernike ORDER[:NAME=VALUE,...]",
+    "Also Zernike coefficients up to this radial order; index=fringe (else ansi): order of the terms; "
+    "norm=amplitude: at the circle's edge (else rms over the circle).",
+)
 SLOPES = Opt("--slopes S.npz", "Slopes by `reconstruct --slopes`, for slope error and noise.")
 NOMINAL = Opt(
     "--nominal FILE", "Remove this surface (.npz, a grid or mesh that export writes) after a rigid best fit."
@@ -83,8 +85,6 @@ TURNS = Opt(
     "--rotations DEG,DEG,...",
     "Of several maps: the mirror's turns, from x to y; separates the mirror's part from the rig's.",
 )
-INDEX = Rare("--index ansi|fringe", "Order of the Zernike terms.")
-NORM = Rare("--norm rms|amplitude", "Of Zernike terms: rms over the circle, or amplitude at its edge.")
 
 
 @program("form", SAMPLE)
@@ -95,9 +95,7 @@ def command(
     apertures: Annotated[tuple[str, ...], APERTURE] = (),
     highpass: Annotated[float | None, HIGH] = None,
     lowpass: Annotated[float | None, LOW] = None,
-    order: Annotated[int | None, ZERNIKE] = None,
-    index: Annotated[Literal["ansi", "fringe"], INDEX] = "ansi",
-    norm: Annotated[Literal["rms", "amplitude"], NORM] = "rms",
+    zernike: Annotated[str | None, ZERNIKE] = None,
     limits: Annotated[tuple[str, ...], LIMIT] = (),
     waves: Annotated[float | None, WAVES] = None,
     turns: Annotated[str | None, TURNS] = None,
@@ -115,8 +113,7 @@ def command(
     aperture's circle, else the inscribed one. H.npz may also be a grid of another program (.x3p, .dat, .datx,
     .wft, .sdf, .csv, .npy; .tif with floats in mm). Several maps of one mirror: their mean and differences.
     """
-    if order is None and (index, norm) != ("ansi", "rms"):
-        raise InputError("--index, --norm: are of Zernike terms; add --zernike ORDER")
+    order, index, norm = _zernike(zernike)
     _require_once(limits)
     shape = _Shape.asked(form, nominal, apertures, highpass, lowpass)
     if len(sources) > 1:
@@ -167,6 +164,21 @@ def command(
     if verdicts:
         table("Limits", {one.name: f"{one.verdict}: {_against(one, known[one.name])}" for one in verdicts})
     return 1 if any(one.verdict == "fail" for one in verdicts) else 0
+
+
+def _zernike(text: str | None) -> tuple[int | None, str, str]:
+    """Radial order, order of the terms and norm of --zernike."""
+    if text is None:
+        return None, "ansi", "rms"
+    order, _, more = text.partition(":")
+    known = {"index": ("ansi", "fringe"), "norm": ("rms", "amplitude")}
+    form = ", ".join(f"{name}={'|'.join(names)}" for name, names in known.items())
+    given = {name: names[0] for name, names in known.items()} | written("--zernike", more, form, known)
+    if any(value not in known[name] for name, value in given.items()):
+        raise InputError(f"--zernike {text}: must have {form}")
+    if not order.isdecimal() or not 1 <= int(order) <= 20:
+        raise InputError(f"--zernike {text}: the order is {order!r}, must be 1 to 20")
+    return int(order), given["index"], given["norm"]
 
 
 def _terms(

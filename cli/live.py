@@ -14,8 +14,8 @@ from optolever import InputError
 from optolever.numbers import listed
 from optolever.quantities import quantity
 
-from .arguments import AT_LEAST_0, Opt, Rare, program
-from .options import Json, Noise, Port, RigFile, Seed, Size, load_scene, preset
+from .arguments import AT_LEAST_0, Opt, program
+from .options import Json, Noise, Port, RigFile, Size, load_scene, preset
 from .outputs import NewFolder, OutputFile
 from .printing import print_notices, table, write_json
 from .rig.opened import Changes
@@ -39,7 +39,7 @@ REST = Opt(
     "--rest FILE", "Rest of the mirror to use; default: the newest, kept beside the rig. new: measure it."
 )
 TABLE = Opt("--csv FILE", "Contacts and forces over time, a row each.", OutputFile(".csv"))
-SOCKET = Rare(
+SOCKET = Opt(
     "--socket PATH",
     "Unix socket that sends every reading: a line of JSON, then the heights.",
     click.Path(path_type=Path),
@@ -62,7 +62,6 @@ def command(
     csv: Annotated[Path | None, TABLE] = None,
     socket: Annotated[Path | None, SOCKET] = None,
     probe: Annotated[tuple[str, ...], PROBE] = (),
-    seed: Seed = 0,
     port: Port = 0,
     json_path: Json = None,
 ) -> None:
@@ -85,7 +84,7 @@ def command(
         else:
             scene = load_scene(scene_name, size or (240, 320), exact=True)
             name, exposure_s = scene.name, 0.0
-            prepared, source = ol.live.virtual_rig(scene, noise=noise, seed=seed, rate=rate)
+            prepared, source = ol.live.virtual_rig(scene, noise=noise, rate=rate)
         print_notices(prepared.notices)
         probes = ol.live.Probes(prepared, exposure_s)
         for text in probe:
@@ -124,7 +123,7 @@ def _require_real() -> None:
     """InputError if an option of the simulated camera was given."""
     context = click.get_current_context()
     options = {"scene_name": "--scene", "size": "--pixels"}
-    options |= {name: f"--{name}" for name in ("noise", "seed", "rate")}
+    options |= {name: f"--{name}" for name in ("noise", "rate")}
     for name, option in options.items():
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise InputError(f"{option}: is of the simulated camera, leave it out with --rig")

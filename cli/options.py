@@ -12,7 +12,7 @@ import optolever as ol
 from optolever import InputError
 from optolever.numbers import listed
 
-from .arguments import ABOVE_0, AT_LEAST_0, Opt, Rare, Shape
+from .arguments import AT_LEAST_0, Opt, Rare, Shape
 from .outputs import OutputFile
 from .printing import print_notices
 
@@ -63,7 +63,6 @@ _ANCHOR = (
     "the view (default with --rest), or middle, of the mirror (default in open air); or a point in mm "
     "(SOFAST: its datum)."
 )
-_PITCH = "Pitch of the regular grid; default: about that of the camera's pixels."
 _SCREEN = "Size of the display of the sequence, such as 1920x1080."
 _SIZE = "Resample camera and pattern together to this camera size; the field of view stays."
 _RENDERER = "auto: OpenGL where there is a context, else NumPy."
@@ -82,11 +81,10 @@ Dent = Annotated[
 Noise = Annotated[float, Opt("--noise LEVELS", _SENSOR, AT_LEAST_0)]
 Seed = Annotated[int, Rare("--seed N", "Seed of the random numbers.", click.IntRange(min=0))]
 Port = Annotated[
-    int, Rare("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
+    int, Opt("--port N", "Port of the page, on 127.0.0.1; default: a free one.", click.IntRange(0, 65535))
 ]
 Renderer = Annotated[Literal["auto", "gl", "numpy"], Rare("--renderer auto|gl|numpy", _RENDERER)]
 Anchor = Annotated[Any, Opt("--anchor edge|middle|border|X,Y,Z", _ANCHOR, Anchored())]
-Pitch = Annotated[float | None, Rare("--pitch MM", _PITCH, ABOVE_0)]
 Pictured = Annotated[
     str | None,
     Opt(f"--sequence {_NAMED}", "Sequence of the pictures, in the order of their names.", lists="sequences"),
@@ -113,11 +111,6 @@ def stored_in(suffix: str) -> Opt:
 def rest_file(text: str) -> Opt:
     """--rest REST.npz; text: its effect."""
     return Opt("--rest REST.npz", f"Correspondence of the mirror at rest: {text}.")
-
-
-def mask_file(text: str) -> Opt:
-    """--mask PNG; text: what happens to its pixels."""
-    return Opt("--mask PNG", f"{text}: white in an image of the camera's size.")
 
 
 def shown_sequence(text: str, display: tuple[int, int] | None) -> "ol.patterns.Sequence":

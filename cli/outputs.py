@@ -18,14 +18,15 @@ import optolever as ol
 from optolever.errors import InputError
 
 HDF5 = (".h5", ".hdf5")
-#: Formats of a regular grid of heights, and of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares).
-GRID_SUFFIXES = (".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat", ".wft", ".csv", ".npy")
 #: Files of captures and of recordings, beside results of the same suffix.
 _OF_CAPTURE = ("truth.npz", "prepared.npz")
 #: Of a report's folder; in full.
 PAGE = ("report.html", "figures.csv", "height.npz", "deviation.npz")
 PAGE_IN_FULL = ("correspondence.npz", "slopes.npz")
-HEIGHT_SUFFIXES = (*GRID_SUFFIXES, ".ply", ".stl", ".xyz")
+#: Formats of a height map (`reconstruct.HEIGHT_FORMATS`; a test compares): regular grids, meshes, points.
+HEIGHT_SUFFIXES = (
+    ".npz", ".tif", ".tiff", ".x3p", ".sdf", ".dat", ".wft", ".csv", ".npy", ".ply", ".stl", ".xyz",
+)  # fmt: skip
 
 
 class OutputFile(click.Path):

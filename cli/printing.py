@@ -101,16 +101,16 @@ def print_notices(notices: "Iterable[Notice | str]") -> None:
         click.echo(f"Notice: {notice}", err=True)
 
 
-def possible(files: Sequence[Path], work: Callable[[Path], None], kept: bool = False) -> tuple[Path, ...]:
-    """The files for which the work could be done; a notice names each other one. InputError if none could,
-    unless kept: the command has other results."""
+def possible(files: Sequence[Path], work: Callable[[Path], None]) -> tuple[Path, ...]:
+    """The files for which the work could be done; a notice names each other one. InputError if none
+    could."""
     reasons = dict[Path, str]()
     for path in files:
         try:
             work(path)
         except InputError as error:
             reasons[path] = str(error) if str(path) in str(error) else f"{path}: {error}"
-    if files and len(reasons) == len(files) and not kept:
+    if files and len(reasons) == len(files):
         raise InputError("; ".join(reasons.values()))
     print_notices(reasons.values())
     return tuple(path for path in files if path not in reasons)

@@ -3,29 +3,27 @@
 import re
 import time
 from dataclasses import asdict, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import optolever as ol
 from optolever import InputError
 
-from .arguments import Arg, Opt, Rare, program
+from .arguments import Arg, Opt, program
 from .batch import Many
 from .options import (
     Anchor,
     Json,
     NoRest,
-    Pitch,
     SceneName,
     Size,
     blame,
     load_scene,
-    mask_file,
     rest_file,
     sections,
 )
-from .outputs import GRID_SUFFIXES, HDF5, OutputFile
+from .outputs import HDF5, OutputFile
 from .printing import (
     budget_rows,
     contact_rows,
@@ -37,7 +35,6 @@ from .printing import (
     medians,
     noise_and_rig,
     number,
-    possible,
     print_notices,
     progress,
     table,
@@ -60,23 +57,16 @@ Height map in h.npz
 
 
 def _sofast_files(scene: str) -> list[str]:
-    """Files of SOFAST that make up the scene; none where it is another."""
+    """Files of SOFAST that make up the scene, a facet's name the last; none where it is another."""
     commas = r"(?i)(?:(?<=\.h5)|(?<=\.hdf5)|(?<=\.json)),"
     files = [scene] if Path(scene).exists() else re.split(commas, scene)
     return files if any(Path(each).suffix.lower() in HDF5 for each in files) else []
 
 
 OUT = Opt("--out H.npz", "File to write the height map to.", OutputFile(".npz"))
-GRID = Opt(
-    "--grid FILE",
-    "Also write the surface on a regular grid of x and y: .npz (with sigma), .tif (with its scale), or .x3p, "
-    ".sdf (ISO 25178), .dat (Zygo), .wft (DFTFringe), .csv, .npy; again for more. "
-    "Before the solve a format is named that cannot hold the grid.",
-    OutputFile(*GRID_SUFFIXES, bare=False),
-)
+MASK = Opt("--mask PNG", "Pixels to reconstruct: white in an image of the camera's size.")
 SLOPES = Opt("--slopes FILE.npz", "Also write slopes and curvatures, with sigma.", OutputFile(".npz"))
 CONTACTS = Opt("--contacts", "Look for contacts in open air, too.")
-FACET = Rare("--facet NAME", "Group of the facet in a SOFAST result; default: facet_000.")
 KEEP = Opt(
     "--keep-rest", "The mirror is at rest: keep it with the rig RIG.toml; later heights are those above it."
 )
@@ -95,28 +85,25 @@ def command(
     out: Annotated[Path, OUT],
     anchor: Anchor = None,
     rest_path: Annotated[Path | None, rest_file("its deviation from the prediction is subtracted")] = None,
-    mask_path: Annotated[Path | None, mask_file("Pixels to reconstruct")] = None,
+    mask_path: Annotated[Path | None, MASK] = None,
     slopes_path: Annotated[Path | None, SLOPES] = None,
     no_rest: NoRest = False,
     find_contacts: Annotated[bool, CONTACTS] = False,
-    grids: Annotated[tuple[Path, ...], GRID] = (),
     accept: Annotated[bool, ACCEPT] = False,
     keep_rest: Annotated[bool, KEEP] = False,
     truth: Annotated[Path | None, Opt("--truth TRUTH.npz", "Compare with the truth of a simulation.")] = None,
     size: Size = None,
-    pitch: Pitch = None,
-    facet: Annotated[str | None, FACET] = None,
     verbose: Annotated[bool, VERBOSE] = False,
     json_path: Json = None,
 ) -> int:
     """Reconstruct the mirror's height, with an error bar per pixel.
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
-    reaches are flagged, not guessed. A scene ending in .h5 is a result of OpenCSP's SOFAST (extra `sofast`),
-    or SOFAST's inputs, with commas: camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a
-    correspondence decoded from that measurement.
+    reaches are flagged, not guessed. `export` writes grids and meshes. A scene ending in .h5 is a result of
+    OpenCSP's SOFAST (extra `sofast`), result.h5[,FACET] with the group's name of a facet but facet_000, or
+    SOFAST's inputs, camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a correspondence
+    decoded from that measurement.
     """
-    from optolever.maps import require_format
     from optolever.pictures import read_mask
 
     source, reconstruct = sources[0], ol.reconstruct
@@ -127,14 +114,13 @@ def command(
     if sofast:
         if size is not None:
             raise InputError(f"--pixels: {scene_name} is a SOFAST rig of its camera's size; leave it out")
-        rig = ol.formats.load_sofast_rig(sofast, *(() if facet is None else (facet,)))
+        named = len(sofast) > 1 and not Path(sofast[-1]).suffix
+        rig = ol.formats.load_sofast_rig(*((sofast[:-1], sofast[-1]) if named else (sofast,)))
         with blame(source):
             correspondence = ol.formats.on_rig(correspondence, rig)
             rest = None if rest is None else ol.formats.on_rig(rest, rig)
         scene, anchor = rig.scene, anchor or rig.datum
     else:
-        if facet is not None:
-            raise InputError(f"--facet {facet}: {scene_name} is no SOFAST result (.h5); leave it out")
         scene = load_scene(scene_name, size)
     if keep_rest:
         _require_rig(scene_name, alone=rest is None and size is None and not sofast)
@@ -144,9 +130,6 @@ def command(
         rest = _kept_rest(scene_name, no_rest, sofast, keep_rest, size)
     with progress() as step:
         with blame(source):
-            if grids:
-                flat = reconstruct.map_at_rest(correspondence, scene, anchor, mask, rest).resample(pitch)
-                grids = possible(grids, lambda path: require_format(path, flat.z))
             step("reconstruct")
             start = time.perf_counter()
             height = reconstruct.reconstruct(
@@ -167,14 +150,12 @@ def command(
             dented = _keep_rest(scene_name, correspondence, height) if keep_rest else []
             if slopes_path is not None:
                 ol.files.save_arrays(slopes_path, asdict(slopes) | asdict(reconstruct.curvature_map(slopes)))
-            regular = cache(height.resample)
-            written = possible(grids, lambda path: regular(pitch).export(path), kept=True)
             write_json(json_path, numbers)
     print_notices([*dented, *(one for one in height.notices if one not in correspondence.notices)])
     table(f"Height map in {out}", _rows(numbers, scene.layer, verbose))
     if verbose and "budget_mm" in numbers:
         grid(_BUDGET, *budget_rows(numbers["budget_mm"]))
-    return 0 if height.good.any() and not height.implausible and (written or not grids) else 2
+    return 0 if height.good.any() and not height.implausible else 2
 
 
 def _kept_rest(scene: str, *without: object) -> "ol.decode.Correspondence | None":

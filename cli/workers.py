@@ -81,11 +81,12 @@ def run_task(task: Task) -> Outcome:
 
 
 @contextmanager
-def workers(jobs: int, scheduler: str | None, modules: Sequence[str]) -> Iterator[Run]:
-    """Runs tasks, on processes that have imported the modules or on a cluster. InputError: there are none."""
+def workers(jobs: str, modules: Sequence[str]) -> Iterator[Run]:
+    """Runs tasks, on so many processes that have imported the modules, or on the cluster at an address.
+    InputError: there are none."""
     with (
         environment(SAFE_PATH | ONE_THREAD),
-        _pool(jobs, modules) if scheduler is None else _cluster(scheduler) as pool,
+        _pool(int(jobs), modules) if jobs.isdecimal() else _cluster(jobs) as pool,
     ):
 
         def run(tasks: Sequence[Task]) -> Iterator[Outcome]:
@@ -180,15 +181,15 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
         dask: Any = importlib.import_module("distributed")
         client = dask.Client(scheduler, timeout="10s")
     except ImportError as error:
-        raise InputError("--scheduler: needs Dask; pip install 'optolever[cluster]'") from error
+        raise InputError(f"--jobs {scheduler}: needs Dask; pip install 'optolever[cluster]'") from error
     except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without certificates
-        raise InputError(f"--scheduler {scheduler}: no answer ({error})") from error
+        raise InputError(f"--jobs {scheduler}: no answer ({error})") from error
     with client:
         try:
             client.wait_for_workers(1, timeout=_WITHOUT_WORKER)
         except TimeoutError:
             cure = f"start one: dask worker {scheduler}"
-            click.echo(f"--scheduler {scheduler}: has no worker yet, waiting; {cure}", err=True)
+            click.echo(f"--jobs {scheduler}: has no worker yet, waiting; {cure}", err=True)
         pool: Executor = client.get_executor(pure=False, retries=_TRIES)
         try:
             yield pool

@@ -19,7 +19,7 @@
 
 from optolever.contact import Contact
 
-from .coupled import map_at_rest, reconstruct
+from .coupled import reconstruct
 from .exact import exact_correspondence
 from .heightmap import HEIGHT_FORMATS, Diagnostics, HeightFlag, HeightMap
 from .integrate import Integral, integrate
@@ -38,6 +38,6 @@ __all__ = [
     "GRID_FORMATS", "HEIGHT_FORMATS", "NOISE", "TOTAL", "Anchor", "ColumnPoisson", "Contact",
     "CurvatureMap", "Diagnostics", "EdgeAnchor", "Grid", "HeightFlag", "HeightMap", "Integral",
     "PixelAnchor", "PointAnchor", "SlopeMap", "budget", "contacts", "curvature_map",
-    "exact_correspondence", "explain", "integrate", "map_at_rest", "natural_pitch", "null_space",
+    "exact_correspondence", "explain", "integrate", "natural_pitch", "null_space",
     "reconstruct", "slope_map", "with_slope_noise",
 ]  # fmt: skip

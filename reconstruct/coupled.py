@@ -20,14 +20,14 @@ from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
 
-from .heightmap import HeightFlag, HeightMap
+from .heightmap import HeightMap
 from .judgement.circulation import circulation_chi2, contradicted
 from .judgement.discontinuities import edge_doubt, touched, widened
 from .judgement.holes import noise_gain
 from .judgement.map_tests import Solved, judged
 from .judgement.reweighting import CAUCHY, patches, wrong_pixels
 from .load import SAG, free_mode, less_sag
-from .problem import Problem, first_solution, on_pixels, prepare
+from .problem import Problem, first_solution
 from .result import height_map, refused, with_references, without_unknown
 from .rig.calibration import same_capture
 from .rig.hypotheses import mistakes, of_another_rig
@@ -38,7 +38,7 @@ from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve
 from .uncertainty.sources import CELLS, NOISE, lens_errors, noise_sources
 
-__all__ = ["Solution", "map_at_rest", "reconstruct", "solved_height"]
+__all__ = ["Solution", "reconstruct", "solved_height"]
 
 _DOUBTED = 0.2  # chi2 that the errors of such a rig leave, from which on other descriptions are tried
 _SAME_CAPTURE = Notice(
@@ -127,21 +127,6 @@ def reconstruct(
         LOG.warning("%s", notice)
     progress("reconstructed", steps, steps)
     return height
-
-
-def map_at_rest(
-    found: Correspondence, scene: Scene, anchor: Anchors, mask: Mask | None, rest: Correspondence | None
-) -> HeightMap:
-    """The mirror at rest on the pixels that `reconstruct` begins with: what its map will cover at most, in a
-    fraction of its time. InputError as of `reconstruct`."""
-    if rest is not None:
-        scene, anchor = _above_rest(scene, anchor)
-    measured = Measurement(found, anchor, mask, rest)
-    with _explained(measured, scene), blas_on_one():
-        problem = on_pixels(prepare(measured.corrected(scene), scene, anchor, mask))
-    x, y, z = (problem.to_image(each, np.nan) for each in problem.data.points_at_rest())
-    flags = np.where(problem.to_image(problem.data.mask, False), 0, HeightFlag.NO_ANCHOR)
-    return HeightMap(x, y, z, np.zeros(z.shape), flags.astype(np.uint16))
 
 
 def _above_rest(scene: Scene, anchor: Anchors) -> tuple[Scene, Anchors]:

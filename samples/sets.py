@@ -159,7 +159,7 @@ optolever form {dir}/measured/h.npz --remove tilt --aperture circle
 _DESIGN = """
 optolever decode {dir}/rest --response {dir}/rig.toml --save-profile {dir}/rig.toml --out {dir}/c.npz
 optolever design --scene {dir}/rig.toml --code gray+phase --code phase --code {dir}/mine.toml \
---chart {dir}/codes.png
+--out {dir}/codes.png
 """
 _FORTY = """
 optolever decode {dir}/rest {dir}/press* --response {dir}/rig.toml --jobs 2 --out {dir}/c

@@ -69,7 +69,8 @@ def code_lines(text: str) -> int:
 
 def ratchets(root: Path = ROOT) -> dict[str, int]:
     """Numbers that may only fall: of the installed parts functions of more than 90 lines or 30 branches,
-    named numbers and file names that occur again; commands; tests that are expected to fail."""
+    named numbers and file names that occur again; commands and options of the largest; tests that are
+    expected to fail."""
     trees = {path: ast.parse(path.read_bytes()) for path in _sources(PARTS, root)}
     functions = [
         node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
@@ -80,7 +81,8 @@ def ratchets(root: Path = ROOT) -> dict[str, int]:
         "long_functions": sum(_is_long(node) for node in functions),
         "named_numbers": sum(_numbers(node) for tree in trees.values() for node in tree.body),
         "repeated_file_names": sum(count - 1 for count in names.values()),
-        "commands": _commands(app),
+        "commands": len(options := _options(app)),
+        "options": max(options),
         "expected_failures": sum(len(group["tests"]) for group in missed.get("missed", [])),
     }
 
@@ -131,10 +133,14 @@ def _is_long(function: ast.FunctionDef) -> bool:
     return branches > _COMPLEX or (function.end_lineno or 0) - function.lineno >= _LONG
 
 
-def _commands(group: click.Group) -> int:
-    with click.Context(group) as context:
-        below = [group.get_command(context, name) for name in group.list_commands(context)]
-    return sum(_commands(one) if isinstance(one, click.Group) else 1 for one in below)
+def _options(command: click.Command | None) -> list[int]:
+    """How many options each command has, without --help."""
+    assert command is not None
+    if not isinstance(command, click.Group):
+        return [sum(isinstance(each, click.Option) for each in command.params)]
+    with click.Context(command) as context:
+        below = [command.get_command(context, name) for name in command.list_commands(context)]
+    return [count for one in below for count in _options(one)]
 
 
 def _numbers(node: ast.stmt) -> int:

@@ -19,6 +19,6 @@ y = y0 + i pitch.
 """
 
 from .read import READABLE, GridMap, read_grid
-from .write import MESHES, REGULAR, chosen, require_format, write_tiff
+from .write import MESHES, REGULAR, chosen, write_tiff
 
-__all__ = ["MESHES", "READABLE", "REGULAR", "GridMap", "chosen", "read_grid", "require_format", "write_tiff"]
+__all__ = ["MESHES", "READABLE", "REGULAR", "GridMap", "chosen", "read_grid", "write_tiff"]

@@ -101,7 +101,7 @@ def _tiff(file: Path) -> GridMap:
     if z.ndim != 2 or not scaled or per_cm[0] != per_cm[1] or not per_cm[0] > 0:
         raise InputError(
             f"{z.ndim}-D, {per_cm} points per cm, must be 2-D with a scale that is the same along x "
-            "and y (as reconstruct --grid writes it)"
+            "and y (as export --pitch writes it)"
         )
     return GridMap(z, 10.0 / per_cm[0])
 

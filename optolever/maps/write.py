@@ -22,7 +22,7 @@ from optolever.errors import InputError
 from optolever.files import atomic_file
 
 __all__ = ["DAT_MAGIC", "DAT_STEPS", "DAT_UNKNOWN", "MESHES", "REGULAR", "WFT_NM", "chosen",
-           "require_format", "write_tiff"]  # fmt: skip
+           "write_tiff"]  # fmt: skip
 
 
 _METRES = 1e-3  # per mm
@@ -282,16 +282,6 @@ def write_npy(path: str | Path, z: Floats, pitch_mm: float, x0_mm: float, y0_mm:
     data = io.BytesIO()
     np.save(data, np.stack([x, y, z]))
     _store(path, data.getvalue())
-
-
-def require_format(path: str | Path, z: Floats) -> None:
-    """InputError unless the format of the suffix has a place for the points of z (rows, cols) that are known:
-    for before the heights are."""
-    suffix = Path(path).suffix.lower()
-    if suffix == ".wft":
-        _disc(path, z)
-    elif suffix not in (".npz", ".tif", ".tiff"):
-        _require_any(path, np.isfinite(z))
 
 
 def _store(path: str | Path, *parts: bytes) -> None:

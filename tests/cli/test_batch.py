@@ -121,7 +121,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(
         worker = next(iter(cluster.workers.values())).pid
         kill = threading.Timer(1.5, os.kill, (worker, signal.SIGKILL))
         kill.start()
-        optolever("decode", *captures, "--scheduler", cluster.scheduler_address, "--out", tmp_path / "c")
+        optolever("decode", *captures, "--jobs", cluster.scheduler_address, "--out", tmp_path / "c")
         assert kill.finished.is_set(), "the batch was done before the worker was killed"
     same(captures, tmp_path / "c")
 

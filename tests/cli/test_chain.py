@@ -23,15 +23,15 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
     """By a known point. A Gaussian was made by no contact, its half-depth area is 2 pi sigma^2 ln 2, and the
     report says so."""
     names = [tmp_path / f"g.{suffix}" for suffix in ("npz", "tif", "x3p")]
-    grids = [word for name in names for word in ("--grid", name)]
     with np.load(chain.capture / "truth.npz") as archive:
         truth = dict(archive)
     point = ",".join(repr(float(truth[name][48, 48])) for name in "xyz")
     out, slopes = tmp_path / "h.npz", tmp_path / "s.npz"
     done = optolever(
         *chain.solve, "--out", out, "--anchor", point, "--truth", chain.capture / "truth.npz",
-        "--slopes", slopes, *grids, "--pitch", "2", "--contacts",
+        "--slopes", slopes, "--contacts",
     )  # fmt: skip
+    optolever("export", out, *names, "--pitch", "2")
     assert "of the peak depth" in done.out
     assert chain.numbers["reconstruct"]["contacts"] == []  # in open air, if asked for
     height = HeightMap.load(chain.height)
@@ -56,38 +56,36 @@ def test_every_output_of_one_solve(optolever: Program, chain: Chain, tmp_path: P
 def test_formats_that_cannot_hold_a_grid_are_named_and_the_others_written(
     optolever: Program, refused: Refused, chain: Chain, tmp_path: Path
 ) -> None:
-    """A disc before the solve: the truth cannot be read, which is said after it. Heights of 0.2 m (the
-    scene, 50 times as large), of which DAT holds 165, after the solve: the map is kept."""
-    out, first = tmp_path / "h.npz", ("--grid", tmp_path / "g.wft")
-    refused([*chain.solve, "--out", out, *first, "--truth", chain.height], "g.wft: ", "no disc", "circle")
-    too_fine = ["--pitch", "1e-5", "--grid", tmp_path / "g.npz"]
-    refused([*chain.solve, "--out", out, *first, *too_fine, "--truth", chain.height], "pitch = 1e-05 mm")
+    """A disc, a grid that is too fine, heights of 0.2 m (the scene, 50 times as large), of which DAT holds
+    165."""
+    out, disc_file = tmp_path / "h.npz", tmp_path / "g.wft"
+    optolever(*chain.solve, "--out", out)
+    refused(["export", out, disc_file], "g.wft: ", "no disc", "circle")
+    refused(["export", out, tmp_path / "g.npz", "--pitch", "1e-5"], "pitch = 1e-05 mm")
     others = [tmp_path / f"g.{suffix}" for suffix in ("npz", "tif", "x3p", "sdf", "csv")]
-    grids = [word for name in others for word in ("--grid", name)]
-    done = optolever(*chain.solve, "--out", out, *first, *grids)
-    assert [line.split(":")[1].strip() for line in done.err.splitlines()] == [str(tmp_path / "g.wft")]
-    assert all(path.is_file() for path in (out, *others))
-    assert not (tmp_path / "g.wft").exists()
+    done = optolever("export", out, disc_file, *others, "--json", tmp_path / "e.json")
+    assert [line.split(":")[1].strip() for line in done.err.splitlines()] == [str(disc_file)]
+    assert json.loads((tmp_path / "e.json").read_text()) == {"files": [str(path) for path in others]}
+    assert all(path.is_file() for path in others)
+    assert not disc_file.exists()
     with np.load(chain.capture / "truth.npz") as archive:
         x, y, z = (archive[name].astype(float) for name in "xyz")
     lines, large = (chain.capture / "scene.toml").read_text().splitlines(), tmp_path / "large.toml"
     by_50 = [re.sub("[0-9.]+", lambda at: str(50 * float(at[0])), each) for each in lines]
     large.write_text("\n".join(b if "_mm = " in a else a for a, b in zip(lines, by_50, strict=True)))
-    for more, code in (("--grid", tmp_path / "h.csv"), 0), ((), 2):
-        args = [*chain.solve[:-1], large, "--anchor", f"{50 * x[48, 48]},{50 * y[48, 48]},200", *more]
-        args += ["--out", tmp_path / f"{code}.npz", "--grid", tmp_path / "h.dat"]
-        assert "h.dat: heights up to 2" in optolever(*args, code=code).err
-        assert HeightMap.load(tmp_path / f"{code}.npz").good.any()
+    point = f"{50 * x[48, 48]},{50 * y[48, 48]},200"
+    optolever(*chain.solve[:-1], large, "--anchor", point, "--out", tmp_path / "large.npz")
+    exported = ["export", tmp_path / "large.npz", tmp_path / "h.dat"]
+    refused(exported, "h.dat: heights up to 2")
+    assert "h.dat: heights up to 2" in optolever(*exported, tmp_path / "h.csv").err
     assert (tmp_path / "h.csv").is_file()
     assert not (tmp_path / "h.dat").exists()
-    args = ["export", out, tmp_path / "e.wft", tmp_path / "e.sdf", "--json", tmp_path / "e.json"]
-    assert "e.wft: the known points are no disc" in optolever(*args).err
-    assert json.loads((tmp_path / "e.json").read_text()) == {"files": [str(tmp_path / "e.sdf")]}
     disc = np.hypot(x - x[48, 48], y - y[48, 48]) < 40
     cv2.imwrite(str(tmp_path / "disc.png"), np.where(disc, 255, 0).astype(np.uint8))
-    point = ("--anchor", f"{x[48, 48]},{y[48, 48]},{z[48, 48]}", "--mask", tmp_path / "disc.png")
-    assert not optolever(*chain.solve, *point, "--out", tmp_path / "disc.npz", *first).err
-    written = read_grid(tmp_path / "g.wft").z
+    masked = ("--anchor", f"{x[48, 48]},{y[48, 48]},{z[48, 48]}", "--mask", tmp_path / "disc.png")
+    optolever(*chain.solve, *masked, "--out", tmp_path / "disc.npz")
+    assert not optolever("export", tmp_path / "disc.npz", disc_file).err
+    written = read_grid(disc_file).z
     assert np.nanmax(written) == pytest.approx(z[disc].max(), rel=1e-3)
 
 

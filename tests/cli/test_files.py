@@ -45,8 +45,6 @@ MORE = {
         for word in (each.flag, "monitor" if each.name == "kind" else each.default("monitor"))
     ],
 }
-#: Options that an output needs, where the command has them.
-NEEDS = {"--chart": ["--code", "phase"], "--csv": ["--code", "phase"]}
 #: Commands that take long by themselves.
 SLOW = {"camera sync", "camera expose", "camera measure of many"}
 #: Commands that cannot end well here: without a display, without somebody who answers.
@@ -115,15 +113,12 @@ class Call:
         return cls(name, command, words, outputs, many)
 
     def run(self, values: Mapping[str, str]) -> int:
-        flags = {flag for each in self.command.params for flag in each.opts}
         words = [*self.title.split(), *self.words]
         needed = {
             flag: self.name(flag, f"needed{flag}") for flag, each in self.outputs.items() if each.required
         }
         for flag, value in (needed | dict(values)).items():
             words += [value] if isinstance(self.outputs[flag], click.Argument) else [flag, value]
-            needs = NEEDS.get(flag, [])
-            words += needs if flags.issuperset(needs[:1]) else []
         return run(words)
 
     def is_folder(self, flag: str) -> bool:

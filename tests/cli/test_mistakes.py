@@ -19,7 +19,7 @@ from .conftest import Chain, Program, Refused
 LINES = """
 reconstruct {c} --scene prism48 --out {out}.npz | c.npz | 96 x 96 | 600 x 800
 {solve} --anchor 900,0,0 --out {out}.npz | anchor point (900, 0, 0) | outside the image of 96 x 96
-{solve} --out {out}.npz --grid {out}.obj | --grid | .obj | .x3p
+export {h} {out}.obj | .obj | .x3p
 reconstruct {capture} {scene} --out {out}.npz | capture: is a folder, must be a file | capture.toml
 reconstruct {c} --scene {capture} --out {out}.npz | is a folder, must be a file | scene.toml
 decode {capture}/frames --out {out}.npz | no capture.toml | --sequence | --pixels
@@ -63,7 +63,7 @@ simulate {scene} --out {capture} | no empty folder
 decode {capture} --mask {black} --out {out}.npz | black.png | leaves no pixel
 {solve} --rest {h} --out {out}.npz | field
 {solve} --mask {cut} --out {out}.npz | cut.tif | not an image | save it again
-decode {capture} --roi 3,3,1 --out {out}.npz | --roi | four whole numbers
+decode {capture} --mask 3,3,1 --out {out}.npz | --mask | four whole numbers
 calibrate {scene} mirror={c} --out {out}.toml | flat, rest, ball, plate
 calibrate {scene} flat:0={c} --out {out}.toml | greater than 0
 calibrate {scene} flat={c} --without a --out {out}.toml | no such capture
@@ -80,7 +80,7 @@ reconstruct {black} {scene} --out {out}.npz | black.png | not a readable .npz | 
 simulate --scene prism48 --noise -1 --out {out} | --noise | -1 | x>=0
 rig new --kind prizm --out {out}.toml | 'prizm' | 'prism'
 decode {capture} --lens 9 --out {out}.npz | lens_px is 9 | 0 to 4
-decode {capture} --roi 0,0,999,999 --out {out}.npz | --roi 0,0,999,999 | beyond the frames
+decode {capture} --mask 0,0,999,999 --out {out}.npz | --mask 0,0,999,999 | beyond the frames
 decode {capture} --profile {rig} --out {out}.npz | [profile] | --save-profile
 decode {capture} --response {rig} --out {out}.npz | [response] | optolever response
 form {h} --remove parabola | 'parabola' | paraboloid
@@ -96,9 +96,11 @@ live {capture} | unexpected extra argument
 response {capture} --scene {rig} | shows 2 levels | must show 3 or more
 response {capture} --scene prism48 | prism48: no such file | rig new
 sample prism | 'prism' | 'sensor'
-design --scene prism48 --chart {out}.png | --code: missing
+design --scene prism48 --out {out}.png | .png, a chart, with --code
+design --scene prism48 --code phase --fault gama=2 | 'gama=2' | lag, gamma, flicker, blur
 reconstruct {capture} {scene} --out {out}.npz | is a folder | optolever decode makes an .npz of it
 decode {capture} --description {minus} --out {out}.npz | minus.toml: rows is -188 | 1..65536
+decode {capture} {frames} --jobs two --out {out} | --jobs two | tcp://host:8786
 decode {capture} {frames} --out {out}.npz | becomes a folder, of 2 captures | leave .npz out
 report {h} --less {h} --out {out} | --less | is the map | give another
 report {h} --less {rested} --out {out} | one of both maps alone is less a rest capture | --rest
@@ -113,7 +115,9 @@ form {h} --remove sphere:r=3 | 'r=3' | NUMBER=VALUE of vertex_x
 form {h} --remove sphere:radius=0 | radius is 0 mm | must not be 0
 form {h} --remove piston:piston=0 | every number is given
 form {h} --remove power --nominal {h} | leave one out
-form {h} --index fringe | add --zernike
+form {h} --zernike 4:order=fringe | 'order=fringe' | index=ansi|fringe
+form {h} --zernike 99 | '99' | 1 to 20
+form {h} --zernike 4:index=noll | index=noll | index=ansi|fringe
 form {h} --highpass 5 --lowpass 20 | must be above --lowpass 20
 form {h} {h} --rotations 0 | 1 angles, must be 2
 form {h} {h} --rotations 0,x | --rotations '0,x' | 0,90,180,270
@@ -121,7 +125,7 @@ form {h} {h} --zernike 4 | is of one map, not of 2
 simulate --scene prism48 --dent gaussian:peak=300 --out {out} | peak = 300 | at most the mirror's size, 60 mm
 design --scene prism48 --pixels 32x24 --code {folder} | holds neither | coordinates.toml
 design --scene prism48 --pixels 96x72 --frames 3 | no candidate fits
-design --scene prism48 --pixels 96x72 --out {out}.json | suffix '.json', must be .toml
+design --scene prism48 --pixels 96x72 --out {out}.json | suffix '.json', must be .toml or .png
 design --scene prism48 --pixels 96x72 --add nowhere:nothing | cannot be imported
 """
 

@@ -57,7 +57,6 @@ def test_no_output_is_an_input(refused: Refused, chain: Chain, tmp_path: Path) -
     for args in (
         [*solve, "--out", tmp_path / "link.npz"],
         [*solve, "--out", tmp_path / "hard.npz"],
-        [*solve, *out, "--grid", found],
         [*solve, *out, "--truth", truth, "--slopes", truth],
         ["decode", capture, *out, "--mask", tmp_path / "mask", "--json", tmp_path / "mask"],
         [*dented, *out, "--json", tmp_path / "mask"],

@@ -152,7 +152,7 @@ SMALL = [*PRISM[:-1], "36x48"]
 @pytest.mark.slow
 def test_design_writes_what_capture_takes(tmp_path: Path) -> None:
     best, numbers = tmp_path / "best.toml", tmp_path / "design.json"
-    budget = ["--frames", "12", "--refresh", "60", "--verify", "1", "--renderer", "numpy"]
+    budget = ["--frames", "12", "--refresh", "60", "--verify", "1"]
     assert run(["design", *PRISM, *budget, "--out", str(best), "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_text())
     assert found["settings"]["frames"] == 12

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 from optolever import InputError
+from optolever.decode import Correspondence
 from optolever.formats import SofastRig, load_sofast_rig
 from optolever.scene import parameter_values
 
@@ -91,11 +92,15 @@ def test_screens(model: str, tmp_path: Path) -> None:
     assert ("pattern.b20" in parameter_values(rig.scene)) == (model != "curved")
 
 
-def test_facets_by_name(tmp_path: Path) -> None:
+def test_facets_by_name(tmp_path: Path, refused: Callable[..., str]) -> None:
     path = rig_file(tmp_path / "r.h5", {"screen_x": 0.7, "screen_y": 0.4}, "facet_003")
     assert load_sofast_rig(path, "facet_003").scene.mirror.length == 1000
     with pytest.raises(InputError, match=r"r\.h5: no facet 'facet_000', there are facet_003$"):
         load_sofast_rig(path)
+    Correspondence(*np.ones((4, 2, 2)), np.zeros((2, 2), np.uint16)).save(tmp_path / "c.npz")
+    words = ["reconstruct", str(tmp_path / "c.npz"), "--out", str(tmp_path / "h.npz"), "--scene"]
+    refused([*words, f"{path},facet_007"], "no facet 'facet_007'")
+    refused([*words, f"{path},facet_003"], "SOFAST rig's camera has")
 
 
 def test_an_undefined_mirror_ends_at_its_outermost_pixels(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ def test_zernike_terms_are_of_the_circle_that_is_named(tmp_path: Path) -> None:
     parts = 2 * square - 1, u**2 - v**2, (3 * square - 2) * u, (3 * square - 2) * v
     z = 1e-3 * sum(size * part for size, part in zip(given.values(), parts, strict=True))
     REGULAR[".csv"](tmp_path / "g.csv", z, 1.0, -40.0, -30.0)
-    words = "form {}/g.csv --remove piston --aperture circle:radius=25,x=3,y=-2 --zernike 3 --norm amplitude"
+    words = "form {}/g.csv --remove piston --aperture circle:radius=25,x=3,y=-2 --zernike 3:norm=amplitude"
     assert run([*words.format(tmp_path).split(), "--json", str(tmp_path / "f.json")]) == 0
     found = json.loads((tmp_path / "f.json").read_text())["zernike"]
     assert found["radius_mm"] == 25

@@ -220,7 +220,7 @@ def test_apertures_filters_limits_and_runs_by_the_command_line(
         found: dict[str, Any] = json.loads(Path("n.json").read_text())
         return found
 
-    whole = figures("--zernike", "4", "--index", "fringe", "--norm", "amplitude", "--waves", "632.8")
+    whole = figures("--zernike", "4:index=fringe,norm=amplitude", "--waves", "632.8")
     assert "Z9 Primary Spherical" in whole["zernike"]["coefficients_mm"]
     for name in ("rms", "pv", "pvr"):
         assert whole["waves"][name] * 632.8e-6 == pytest.approx(2 * whole[f"{name}_mm"])

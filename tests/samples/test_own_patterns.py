@@ -1,6 +1,5 @@
 """Patterns and decoders of a user, faults of display and light, seconds of a display, in design."""
 
-import csv
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -66,15 +65,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-COMPARE = ["design", *SMALL, "--renderer", "numpy", "--dent", "gaussian:peak=0.2"]
+COMPARE = ["design", *SMALL, "--dent", "gaussian:peak=0.2"]
 
 
 def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
     """Places to a cell: a larger error than fringes; `gray` by a user's call of decode is `gray`."""
     codes = ["my_dots:dots@my_dots:nearest", "gray@my_dots:ours", "gray", "gray+phase"]
     options = [part for code in codes for part in ("--code", code)]
-    files = ["--exposure", "20", "--json", "b.json", "--csv", "b.csv", "--chart", "b.png"]
-    assert run([*COMPARE, *options, *files]) == 0
+    assert run([*COMPARE, *options, "--exposure", "20", "--json", "b.json", "--out", "b.png"]) == 0
     rows = {row["code"]: row for row in json.loads(Path("b.json").read_text())["rows"]}
     assert list(rows) == ["dots (nearest)", "gray (ours)", "gray", "gray+phase"]
     assert rows["gray (ours)"]["simulated"] == rows["gray"]["simulated"]
@@ -82,15 +80,13 @@ def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
     assert rows["gray+phase"]["predicted"] == pytest.approx(rows["gray+phase"]["simulated"], rel=0.3)
     assert rows["dots (nearest)"]["acquisition_seconds"] == pytest.approx(48 / 30)
     assert all(row["cpu_seconds"] > 0 for row in rows.values())
-    with Path("b.csv").open() as stream:
-        assert [row["code"] for row in csv.DictReader(stream)] == list(rows)
     assert Path("b.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_own_decoders_that_do_not_serve(folder: Path, refused: Callable[..., str]) -> None:
     refused([*COMPARE, "--code", "gray@my_dots:absent"], "my_dots:absent", "cannot be imported")
     refused(["design", *SMALL, "--add", "my_dots:dots"], "my_dots:dots", "is images, name a decoder")
-    refused(["design", *SMALL, "--lag", "0", "--lag", "0.1"], "--code: missing")
+    refused(["design", *SMALL, "--fault", "lag=0", "--fault", "lag=0.1"], "--code: missing")
     scene = resize(load("prism48"), 36, 48)
     refused([*COMPARE, "--code", "my_dots:dots"], "my_dots:dots", "is images, name a decoder")
     settings = {"faults": [Faults()], "noises": (1.0,), "resized": True, "renderer": "numpy"}
@@ -112,7 +108,7 @@ def test_what_is_stopped_keeps_its_rows(
     monkeypatch.setattr(design, "compare_codes", stopped)
     table, chart = tmp_path / "t.csv", tmp_path / "t.png"
     args = ["design", *SMALL, "--code", "gray+phase", "--code", "phase"]
-    assert run([*args, "--csv", str(table), "--chart", str(chart)]) == 130
+    assert run([*args, "--json", str(table), "--out", str(chart)]) == 130
     assert "gray+phase" in capfd.readouterr().out
     assert [line.partition(",")[0] for line in table.read_text().splitlines()] == ["code", "gray+phase"]
     assert chart.stat().st_size > 10_000
@@ -120,16 +116,16 @@ def test_what_is_stopped_keeps_its_rows(
 
 def test_the_rigs_lag_is_that_of_its_measured_wait(tmp_path: Path) -> None:
     """[sync]: a cell of time constant tau, exposed for T from ln(512) tau on, holds of the frame before
-    tau / T (1 - exp(-T / tau)) / 512. --lag replaces it."""
+    tau / T (1 - exp(-T / tau)) / 512. --fault lag=L replaces it."""
     tau, exposure = 0.005, 0.016
     rig = resize(load("prism48"), 36, 48)
     rig.save(tmp_path / "rig.toml")
     timing = Timing(0.02, 0.0, tau, tau, 0.0, 0.0, period_s=0.017, exposure_s=exposure)
     with (tmp_path / "rig.toml").open("ab") as file:
         file.write(b"\n" + tomli_w.dumps({"sync": timing.to_table()}).encode())
-    args = ["design", "--scene", str(tmp_path / "rig.toml"), "--renderer", "numpy", "--code", "phase"]
+    args = ["design", "--scene", str(tmp_path / "rig.toml"), "--code", "phase"]
     expected = tau / exposure * -math.expm1(-exposure / tau) / 512
-    for more, lag in (([], expected), (["--lag", "0.1"], 0.1)):
+    for more, lag in (([], expected), (["--fault", "lag=0.1"], 0.1)):
         assert run([*args, *more, "--json", str(tmp_path / "d.json")]) == 0
         (row,) = json.loads((tmp_path / "d.json").read_text())["rows"]
         assert row["lag"] == pytest.approx(lag, rel=1e-6)
