@@ -23,7 +23,7 @@ from .probes import Probes
 from .reading import Reading
 from .rest.prepare import prepare, stated
 from .rest.prepared import Prepared
-from .source import PERIOD, Newest, Source
+from .source import PERIOD, Newest, Source, VirtualFinger
 from .stream import Live
 
 __all__ = ["Readings", "fringe_period", "kept_rest", "open_rig"]
@@ -33,6 +33,7 @@ _SPAN = 8.0  # camera pixels in a period of the fringe, at least
 _PATIENCE_S = 5.0
 _LOOK_S, _LOOKS = 2.0, 30  # and images, for a display that is slow to show the fringe
 _RECENT = 60  # readings of the latency
+_RATE = 30.0  # frames a second of a virtual camera
 
 
 def kept_rest(rig: str | Path) -> Path:
@@ -55,9 +56,11 @@ class Readings:
     the rig; exposure_s: of a frame; notices: of the devices, and of a rest that no longer holds; probes;
     display: of the fringe."""
 
-    def __init__(self, prepared: Prepared, now: Opened, notices: tuple[Notice, ...]) -> None:
-        self.prepared, self.exposure_s, self.notices = prepared, now.accepted.exposure_s, notices
-        self.source: Source = now.arrivals()
+    def __init__(
+        self, prepared: Prepared, now: Opened, notices: Iterable[Notice], finger: VirtualFinger | None
+    ) -> None:
+        self.prepared, self.exposure_s, self.notices = prepared, now.accepted.exposure_s, tuple(notices)
+        self.source: Source = finger or now.arrivals()
         self.display = now.display
         self.probes = Probes(prepared, now.accepted.exposure_s)
         self._live, self._camera = Live(prepared), now.camera
@@ -94,7 +97,8 @@ def open_rig(
     rest: of the mirror; None: the newest that was measured, kept beside the TOML.
     It is used once a frame of two seconds is trusted. Where there is none, or it no longer holds (a notice
     says why), the mirror must be at rest: it is measured by gray+phase and eight frames of the fringe, and
-    kept. changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be
+    kept. On the mirror of a virtual camera a finger then presses and slides, unless the scene has a dent.
+    changes: of [devices], KEY=VALUE; anew: measure it in any case. InputError of a rig that cannot be
     read, and of a rest that was given and does not hold."""
     rig, known, why = Path(rig), rest, ""
     scene, devices, name = load(rig), devices_of(rig, changes), "rest" if rest else str(kept_rest(rig))
@@ -121,7 +125,7 @@ def _at_rest(
                 known = stated(known, scene)
                 why = _look(known, now, now.wait(rig))
             if not why:
-                yield Readings(known, now, tuple(map(_said, now.notices)))
+                yield Readings(known, now, map(_said, now.notices), _finger(scene, devices, fringe))
                 return
         if given:
             raise InputError(f"{name}: no longer holds ({why}); measure the mirror at rest anew")
@@ -136,7 +140,14 @@ def _at_rest(
         if why:
             cure = "it was measured anew, with everything still"
             notices.append(replace(_said(f"{name} no longer holds: {why}"), cure=cure))
-        yield Readings(prepared, now, tuple(notices))
+        yield Readings(prepared, now, notices, _finger(scene, devices, fringe))
+
+
+def _finger(scene: Scene, devices: Devices, fringe: Sequence) -> VirtualFinger | None:
+    """On the mirror of a virtual camera, whose scene has no dent of its own."""
+    if devices.camera != "virtual" or scene.dent is not None:
+        return None
+    return VirtualFinger(scene, fringe, rate=devices.fps or _RATE)
 
 
 def _said(text: str) -> Notice:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
+from dataclasses import replace
 from queue import Empty, Queue
 from threading import Thread
 from typing import Protocol, runtime_checkable
@@ -18,7 +19,15 @@ import numpy as np
 from optolever.arrays import Frame, Pixels
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Sequence, sequence
-from optolever.projector import NOMINAL_SENSOR, Image, capture, footprints, light_of
+from optolever.projector import (
+    NOMINAL_SENSOR,
+    WHITE_NOISE_SENSOR,
+    FrameElectronics,
+    Image,
+    capture,
+    footprints,
+    light_of,
+)
 from optolever.scene import Scene, Surface, dent
 
 from .rest.prepare import prepare
@@ -41,11 +50,15 @@ class Source(Protocol):
 
 
 class VirtualFinger:
-    """Frames of a finger on a scene's mirror, at `rate` a second by the clock, or (0) as they are asked
-    for."""
+    """Frames of a finger on a scene's mirror, by its sensor, at `rate` a second by the clock, or (0) as they
+    are asked for. noise: added to the sensor's, 8-bit levels, rms."""
 
-    def __init__(self, scene: Scene, fringe: Sequence, noise: float, seed: int, rate: float = 0.0) -> None:
-        self._scene, self._fringe, self._noise, self._seed, self._rate = scene, fringe, noise, seed, rate
+    def __init__(
+        self, scene: Scene, fringe: Sequence, noise: float = 0.0, seed: int = 0, rate: float = 0.0
+    ) -> None:
+        self._scene, self._fringe, self._seed, self._rate = scene, fringe, seed, rate
+        self._sensor = scene.sensor or NOMINAL_SENSOR
+        self._noise = math.hypot(noise, self._sensor.noise)
         self._lights: dict[int, Pixels] = {}
         self._number, self._due = 0, 0.0
 
@@ -59,8 +72,12 @@ class VirtualFinger:
         number, self._number = self._number, self._number + 1
         phase = number % _CYCLE
         if phase not in self._lights:
-            self._lights[phase] = _light(self._scene, _finger(self._scene, phase / _CYCLE), self._fringe)
+            self._lights[phase] = _light(self._scene, self.surface(number), self._fringe)
         return Image(self._exposed(self._lights[phase], number), number, None, due)
+
+    def surface(self, number: int) -> Surface:
+        """The mirror in the frame of that number (the `id` of its image)."""
+        return _finger(self._scene, number % _CYCLE / _CYCLE)
 
     def at_rest(self) -> Frame:
         """Frames (N, H, W) of the mirror at rest."""
@@ -68,10 +85,10 @@ class VirtualFinger:
         return np.stack([self._exposed(light, -1 - k) for k in range(_RESTS)])
 
     def _exposed(self, light: Pixels, number: int) -> Frame:
-        rng = np.random.default_rng([self._seed, number % 2**32])
-        noisy = 255 * (NOMINAL_SENSOR.exposure * light) + NOMINAL_SENSOR.offset
-        noisy += np.float32(self._noise) * rng.standard_normal(light.shape, dtype=np.float32)
-        frame: Frame = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        sensor, bits = self._sensor, self._sensor.bits
+        frame: Frame = np.empty(light.shape, np.uint8 if bits == 8 else np.uint16)
+        electronics = FrameElectronics.of_frame(sensor, 1.0, self._noise, bits, self._seed, number % 2**32)
+        electronics.expose(light, frame)
         return frame
 
 
@@ -84,6 +101,7 @@ def virtual_rig(
     flat = dent("flat", scene)
     seen = capture(scene, flat, full, renderer="numpy", noise=noise, seed=seed)
     rest_map: Correspondence = decode(seen.frames, full)
+    scene = replace(scene, sensor=scene.sensor or WHITE_NOISE_SENSOR)
     camera = VirtualFinger(scene, fringe, noise, seed, rate)
     return prepare(scene, camera.at_rest(), rest_map, fringe, cell=cell, seed=seed), camera
 
@@ -141,7 +159,9 @@ def _finger(scene: Scene, phase: float) -> Surface:
     """Pressed in and lifted over two thirds of the cycle while it slides; then nothing."""
     length, width = scene.mirror.length, scene.mirror.width
     sigma = 0.12 * min(length, width)
-    peak = _DEPTH * sigma**2 / length * math.sin(min(phase * 1.5, 1.0) * math.pi) ** 2
+    rows, cols = scene.pattern.rows, scene.pattern.cols
+    away = float(np.linalg.norm(scene.pattern.point(cols / 2, rows / 2) - (length / 2, width / 2, 0)))
+    peak = _DEPTH * sigma**2 / max(length, away) * math.sin(min(phase * 1.5, 1.0) * math.pi) ** 2
     if peak < 1e-6 * width:
         return dent("flat", scene)
     x, y = (0.38 + 0.2 * phase) * length, (0.5 + 0.12 * math.sin(2 * math.pi * phase)) * width

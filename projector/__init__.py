@@ -35,7 +35,7 @@ from .devices import (
     no_pixels,
 )
 from .display import PatternWindow, monitors
-from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR
+from .electronics import NOMINAL_SENSOR, WHITE_NOISE_SENSOR, FrameElectronics
 from .folder import in_colour, write_description
 from .monitors import Monitor, choose_monitor
 from .optics_numpy import Footprints, footprints, light_of
@@ -47,8 +47,8 @@ from .virtual import RENDERERS, capture, chosen_renderer
 __all__ = [
     "NOMINAL_SENSOR", "RENDERERS", "WHITE_NOISE_SENSOR", "Accepted", "Camera",
     "CameraLost", "Capture", "ColourCapture", "ColourResponse", "ContextInfo", "Display", "Footprints",
-    "Identity", "Image", "Monitor", "NoContextError", "PatternRenderer", "PatternWindow", "RealTime",
-    "Shown", "Time", "Wanted", "capture", "capture_colour", "choose_monitor", "chosen_renderer",
+    "FrameElectronics", "Identity", "Image", "Monitor", "NoContextError", "PatternRenderer", "PatternWindow",
+    "RealTime", "Shown", "Time", "Wanted", "capture", "capture_colour", "choose_monitor", "chosen_renderer",
     "context_info", "exact_response", "footprints", "in_colour", "light_of", "load_capture", "monitors",
     "no_pixels", "picture_files", "quads", "unmixed", "write_description",
 ]  # fmt: skip

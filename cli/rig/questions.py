@@ -23,6 +23,8 @@ KINDS = ("monitor", "prism")
 #: Relative standard deviation of a focal length: by the width of the view by tape; by 60 degrees.
 TAPE, VIEW_60 = 0.05, 0.1
 UNKNOWN = "?"
+#: Width of a simulated camera's view, mm, by kind: the reflection fills 60 % of its picture.
+SIMULATED_VIEW = {"monitor": "330", "prism": "280"}
 _MATERIALS = {"silicone": 1.41, "acrylic": 1.49, "epoxy": 1.5, "glass": 1.52, "polycarbonate": 1.585}
 
 

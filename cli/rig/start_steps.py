@@ -14,7 +14,7 @@ from ..options import decoded_by_response, response_of
 from .expose import chosen_exposure
 from .new import draw_rig, visible_share
 from .opened import image_size, levels_of, opened, sequence_of
-from .questions import BALL, KINDS, QUESTIONS, VIEW_60, questions_of, scene_of, typed_rig
+from .questions import BALL, KINDS, QUESTIONS, SIMULATED_VIEW, VIEW_60, questions_of, scene_of, typed_rig
 from .recorded_capture import capture_now, capture_rest
 from .start_page import GoTo, Interviewer
 from .sync import synchronised
@@ -66,7 +66,9 @@ class Begun:
 
     def defaults(self, kind: str) -> dict[str, str]:
         """Answers as typed, else of a rig of that kind."""
-        return {each.name: str(self.answers.get(each.name, each.default(kind))) for each in QUESTIONS}
+        others = SIMULATED_VIEW if self.simulated else {}
+        before = {"view_width": others.get(kind)} | self.answers
+        return {each.name: str(before.get(each.name) or each.default(kind)) for each in QUESTIONS}
 
     def values(self, **changes: Any) -> dict[str, Any]:
         """Answers, converted."""
@@ -266,7 +268,7 @@ def rest(begun: Begun, front: Interviewer) -> None:
         front.say(str(notice))
     if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
-    if not (begun.answers.get("calibrated") or begun.simulated):
+    if not begun.answers.get("calibrated"):
         front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
         scene = _adjusted(begun, front, found)
     height = ol.reconstruct.reconstruct(found, scene, anchor="middle")

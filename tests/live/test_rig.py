@@ -66,6 +66,31 @@ def test_a_rest_is_measured_once(rig: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert next(iter(readings)).trusted
 
 
+def test_a_finger_presses_on_the_mirror_of_a_virtual_camera(tmp_path: Path) -> None:
+    """Unless its scene has a dent; it slides, and its depth is that of the mirror in that frame."""
+    scene = replace(resize(load("prism48"), 96, 128), dent=None, layer=Layer(0.2, 0.5, 8.0))
+    places, depths, forces = list[float](), list[tuple[float, float]](), list[float]()
+    with live.open(_saved(scene, tmp_path / "rig.toml")) as readings:
+        finger = readings.source
+        assert isinstance(finger, live.VirtualFinger)
+        for followed in live.follow(live.Live(readings.prepared), finger, 30):
+            reading = followed.reading
+            assert reading.trusted
+            for touch, force in zip(reading.touches, reading.forces, strict=True):
+                true = finger.surface(followed.image.id or 0).height(reading.x, reading.y).max()
+                depths.append((touch.depth, true))
+                places.append(touch.x)
+                forces.append(force.newton)
+    found, true = np.transpose(depths)
+    assert len(found) > 15
+    assert np.abs(found - true).max() < 0.03 * true.max()
+    assert np.ptp(places) > 3
+    assert max(forces) > 0.1
+    _saved(replace(scene, dent="flat"), tmp_path / "still.toml")
+    with live.open(tmp_path / "still.toml") as readings:
+        assert not isinstance(readings.source, live.VirtualFinger)
+
+
 def test_a_display_may_be_slow_to_show_the_fringe(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with live.open(rig) as readings:
         prepared = readings.prepared
