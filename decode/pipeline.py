@@ -117,7 +117,9 @@ def _tested(light: Light, sequence: Sequence, ready: Prepared, mask: Mask) -> tu
 
 
 def _refused(found: Correspondence, verdict: Verdict) -> Correspondence:
-    flags = found.flags | np.uint16(Flag.WRONG_FRAME) * verdict.wrong
+    flags = found.flags
+    if verdict.wrong.any():
+        flags = flags | np.uint16(Flag.WRONG_FRAME) * verdict.wrong
     return replace(found, flags=flags, notices=(*verdict.notices, *found.notices), tests=verdict.tests)
 
 

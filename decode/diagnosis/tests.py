@@ -290,11 +290,10 @@ def _orders(seen: _Seen, axis: AxisPlan) -> float:
     """Share of the pixels of enough contrast without an order of their own or their neighbours, of close
     periods in colour."""
     close = axis.code is None and len(axis.fringes) > 1 and axis.fringes[0].period < axis.extent
-    flags, dim = seen.found.flags, Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID
-    lit = flags[flags & dim == 0]
-    if seen.plan.packing is None or not close or not lit.size:
+    if seen.plan.packing is None or not close:
         return float("nan")
-    return float(np.count_nonzero(lit & (Flag.ORDER_DOUBTFUL | Flag.OUTLIER)) / lit.size)
+    lit = seen.found.flags[seen.found.flags & (Flag.DARK | Flag.LOW_CONTRAST | Flag.INVALID) == 0]
+    return float((lit & (Flag.ORDER_DOUBTFUL | Flag.OUTLIER) != 0).mean()) if lit.size else float("nan")
 
 
 #: The first that fails speaks; the first of all needs enough light.
