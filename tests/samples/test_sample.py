@@ -1,6 +1,7 @@
 """Sample sets: what their commands give is near the truth that lies apart."""
 
 import csv
+import re
 import shlex
 from dataclasses import replace
 from glob import glob
@@ -17,19 +18,30 @@ from optolever.samples import write_sample
 from optolever.samples.sets import Ball
 from optolever.scene import Trace
 
+NOTICE = re.compile("[Nn]otice: (.*)")
+#: Notices that are true of the samples, by their first words.
+TRUE = ("pictures compressed with loss", "No capture reveals it", "z = 0 is the mirror")
 
-def _go_on(name: str) -> None:
-    commands = write_sample(name, name)
+
+def _go_on(name: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """What the sample's commands print."""
+    commands, said = write_sample(name, name), ""
     assert len(commands) <= 4
     for line in commands:
         words = (sorted(glob(word)) if "*" in word else [word] for word in shlex.split(line)[1:])
         assert run(list(chain.from_iterable(words))) == 0, line
+        printed = "".join(capsys.readouterr())
+        assert [one for one in NOTICE.findall(printed) if not one.startswith(TRUE)] == [], line
+        said += printed
+    return said
 
 
-def test_a_sensor_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sensor_is_measured_by_its_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A rig off by a third of a typed sigma: the deepest point errs by less than three of its sigmas."""
     monkeypatch.chdir(tmp_path)
-    _go_on("sensor")
+    _go_on("sensor", capsys)
     height, true = HeightMap.load("sensor/h.npz"), Trace.load("sensor/truth/press.npz")
     deepest = np.unravel_index(np.nanargmax(np.where(height.good, true.z, np.nan)), true.z.shape)
     assert abs(height.z - true.z)[deepest] < 3 * height.total_sigma[deepest]
@@ -54,8 +66,7 @@ def test_a_rig_is_designed_for_by_its_commands(
 ) -> None:
     """With its noise and response; a sequence of one's own goes by its file's name."""
     monkeypatch.chdir(tmp_path)
-    _go_on("design")
-    out = capsys.readouterr().out
+    out = _go_on("design", capsys)
     assert "response of gamma 2.2; noise of" in out
     assert "\nmine " in out
     assert Path("design/codes.png").stat().st_size > 10_000
@@ -63,17 +74,19 @@ def test_a_rig_is_designed_for_by_its_commands(
 
 @pytest.mark.slow
 def test_forty_presses_are_measured_by_their_commands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    _go_on("forty")
+    _go_on("forty", capsys)
     assert len(list(Path("forty/h").glob("press*.npz"))) == 40
 
 
 @pytest.mark.slow
-def test_a_mirror_is_measured_by_its_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mirror_is_measured_by_its_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
-    _go_on("mirror")
+    _go_on("mirror", capsys)
     assert Path("mirror/measured/report.html").is_file()
     height, true = HeightMap.load("mirror/measured/h.npz"), Trace.load("mirror/truth/mirror.npz")
     good = height.good & true.visible
