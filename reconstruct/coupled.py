@@ -117,7 +117,7 @@ def reconstruct(
     height = without_unknown(height, scene.mirror)
     loaded = SAG in height.sources
     solved = Solved(height, problem, state, scene, measured, corrected, rig, mistake, shift, loaded)
-    tests = (*height.tests, *judged(solved))
+    tests = judged(solved)
     notices = [*height.notices, *(test.notice for test in tests if test.fails)]
     if anchor is None and problem.samples.row.size == 1:
         notices.append(_MIDDLE)

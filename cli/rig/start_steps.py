@@ -238,7 +238,7 @@ def response(begun: Begun, front: Interviewer) -> None:
     found = ol.calibration.measure_response(capture_now(begun.rig, sequence_of(begun.rig, "ramp")))
     ol.calibration.store_response(begun.rig, found)
     gamma, misfit = found.gamma
-    front.say(f"Gamma {gamma:.2f}, which decoding takes off; {100 * misfit:.1f} % of white differ from it.")
+    front.say(f"Gamma {gamma:.2f}, which decoding corrects; {100 * misfit:.1f} % of white differ from it.")
     if abs(gamma - 1) > _BENT:
         cure = "set the display, or the camera, so that both together are linear, and go back to this step"
         front.say(f"The live view does not take it off, and distrusts steep dents: {cure}.", fault=True)

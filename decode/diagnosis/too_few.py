@@ -81,7 +81,7 @@ def _exposed_by_itself(means: NDArray[Any], amplitude: NDArray[Any], sequence: S
     fringes, usual = 2 * float(np.median(amplitude)), float(np.median(means))
     if float(means.max()) - usual > 0.25 * fringes:
         return ""
-    return f"all frames have {usual:.0f} levels on average, white too, where fringes swing by {fringes:.0f}"
+    return f"all frames have {usual:.0f} levels on average, white too, though fringes span {fringes:.0f}"
 
 
 def _off_the_end(axis: str, extent: int, places: NDArray[Any]) -> str:

@@ -5,6 +5,7 @@ A test of a quantity that one step of the chain alone has is taken there (`heigh
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from .circulation import circulation_test
 
 __all__ = ["Solved", "judged"]
 
+_PRESSED = "total_sigma includes it; the rest capture has a contact of its own"
 _MOSTLY = 0.5  # of the good pixels: lost, without a word
 _LOST = 0.005  # of the pixels, that a rest capture does not know: above, they are named
 _HOLLOW = 0.3  # of the depth: silicone rises less beside a contact
@@ -57,9 +59,11 @@ class Solved(NamedTuple):
 
 
 def judged(solved: Solved) -> tuple[Judged, ...]:
-    """All tests that the map allows, in the order of their notices."""
-    found = (test(solved) for test in TESTS)
-    return tuple(one for one in found if one is not None)
+    """The map's tests and all others that it allows, in the order of their notices. A contact at rest is no
+    load, and the cause where the load does not fit."""
+    found = [one for one in (*solved.height.tests, *(test(solved) for test in TESTS)) if one is not None]
+    pressed = any(one.test == "below rest" and one.fails for one in found)
+    return tuple(replace(one, cure=_PRESSED) if pressed and one.test == "load" else one for one in found)
 
 
 def _circulation(solved: Solved) -> Judged | None:
@@ -139,7 +143,7 @@ def _below_rest(solved: Solved) -> Judged | None:
         return Judged("below rest", lowest, limit, words, cure)
     words, cure = (
         f"{low} the rest capture probably shows a contact",
-        "take everything off the mirror and capture it at rest again",
+        "right for the difference of two presses; else take everything off the mirror and capture it again",
     )
     limit = max(_HOLLOW * highest, _DEEP * float(height.total_sigma[height.good][z.argmin()]))
     return Judged("below rest", lowest, limit, words, cure)

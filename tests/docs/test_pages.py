@@ -19,6 +19,10 @@ ROOT = Path(__file__).resolve().parents[2]
 TRUE = (
     "pictures compressed with loss", "No capture reveals it", "z = 0 is the mirror", "The [layer] has no",
 )  # fmt: skip
+#: And of one page's: a press is solved with another one as its rest capture.
+TRUE_OF = {
+    "docs/howto/compare.md": ("Outside the contacts the mirror does", "Heights lie below those at rest")
+}
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))
 #: Pages that measure for seconds; the others are run every day.
 SLOW = {
@@ -70,7 +74,7 @@ def play(page: str, text: str) -> str:
 def true(printed: str, where: str) -> None:
     """Notices are true of the capture, and most of its pixels are good."""
     for notice in re.findall(r"[Nn]otice: (.*)", printed):
-        assert notice.startswith(TRUE), f"{where}: {notice}"
+        assert notice.startswith(TRUE + TRUE_OF.get(where.partition(":")[0], ())), f"{where}: {notice}"
     for good in re.findall(r"^ *good +([\d.]+) %|([\d.]+) % good", printed, re.MULTILINE):
         assert float(max(good)) > 50, f"{where}: {max(good)} % good"
 

@@ -92,3 +92,14 @@ def test_a_difference_without_a_common_rest_says_so(against_rest: bool) -> None:
     one, two = (reconstruct(each, scene, rest=seen[0] if against_rest else None) for each in seen[1:])
     said = [str(each) for each in (two - one).notices if "do not cancel" in str(each)]
     assert bool(said) is not against_rest
+
+
+def test_a_contact_in_the_rest_capture_is_the_cause_that_is_named() -> None:
+    """Beside the press: neither is the silicone thin, as where nothing lies below rest."""
+    rng, typed = np.random.default_rng(1), resize(load("prism48"), 48, 64)
+    press, rest = (
+        captured(dent("gaussian", SCENE, peak=0.2, sigma=6.0, x=x, y=24.0), NOISE, rng) for x in (18.0, 38.0)
+    )
+    load_, below = reconstruct(press, typed, rest=rest).notices
+    assert "the rest capture has a contact of its own" in str(load_)
+    assert "right for the difference of two presses" in str(below)
