@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from optolever import checks as arguments
+from optolever import schema as arguments
 from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.notices import Notice

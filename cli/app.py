@@ -51,7 +51,7 @@ def exit_code(call: Callable[[], Any], name: str) -> int:
         hint = f" (see {context.command_path} --help)" if context is not None else ""
         return _complain(name, f"{error.format_message()}{hint}")
     except MemoryError as error:
-        from optolever.memory import free_memory
+        from optolever.arrays import free_memory
 
         return _complain(name, f"{error or 'too little memory'}; {free_memory() / 2**30:.3g} GiB are free")
     except OSError as error:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optolever.blocks import blas_on_one
-from optolever.checks import checked
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.records import LOG, Progress, logged, silent
+from optolever.schema import checked
 
 from .correspondence import Correspondence
 from .frames import Levels, Light, Response, Settings, in_levels, light_of

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import require_room
 from optolever.errors import InputError, damage_of, require_file
-from optolever.memory import require_room
 from optolever.patterns import Frame, Sequence
 from optolever.projector import Capture
 

@@ -2,10 +2,10 @@
 
 Parts by floor, imports run downward only: 7 `cli`; 6 `design`, `report`; 5 `samples`; 4 `calibration`,
 `formats`, `live`, `metrology`; 3 `camera`, `reconstruct`; 2 `contact`, `decode`, `projector`; 1 `patterns`,
-`scene`; 0 this folder: `arrays`, `blocks` and `kernels` (threads, compiled loops), `checks` (records of a
-wrong type, named at the verbs), `errors`, `files` (whole or absent), `maps` (heights in other
-programs' files), `memory`, `notices`, `numbers`, `pictures`, `processes`, `quantities`, `records`, `schema`
-(records from plain values, types and shapes asked once), `timing`, `toml`.
+`scene`; 0 this folder: `arrays` (and memory for them), `blocks` and `kernels` (threads, compiled loops),
+`errors`, `files` (whole or absent), `maps` (heights in other programs' files), `notices`, `numbers`,
+`pictures`, `processes`, `quantities`, `records`, `schema` (records from plain values, types and shapes asked
+once; records of a wrong type, named at the verbs), `timing`, `toml`.
 
 `import optolever` is enough: a part is imported when it is asked for, as in `optolever.decode.decode(...)`,
 the part `decode` and its function. `logging.getLogger("optolever")` says what they do.

@@ -1,13 +1,21 @@
-"""Types of arrays by their content (shapes stand at each use); their norms and medians."""
+"""Types of arrays by their content (shapes stand at each use); their norms and medians; memory for large
+ones, asked for before they are made.
+"""
 
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.errors import InputError
+
 __all__ = [
-    "Cells", "Circle", "Floats", "Frame", "Ints", "Labels", "Map", "Mask", "Pair", "Pixels", "middle", "norm",
-    "rms", "some_rows",
+    "Cells", "Circle", "Floats", "Frame", "Ints", "Labels", "Map", "Mask", "Pair", "Pixels",
+    "free_memory", "middle", "norm", "require_room", "rms", "some_rows",
 ]  # fmt: skip
 
 Floats = NDArray[np.float64]
@@ -47,3 +55,19 @@ def middle(image: Floats, mask: Mask) -> float:
     rows = some_rows(image)
     some = image[rows][mask[rows]]
     return float(np.median(some if some.size else image[mask]))
+
+
+def require_room(what: str, size: float) -> None:
+    """InputError if so many bytes are more than the machine has left: what for, how many, what there is."""
+    there = free_memory()
+    if size > there:
+        raise InputError(f"{what}: takes {size / 2**30:.3g} GiB of memory, {there / 2**30:.3g} GiB are free")
+
+
+def free_memory() -> int:
+    """Bytes that can be had without swapping; of a system that does not tell, all that it has."""
+    with suppress(OSError):
+        found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text(encoding="ascii"))
+        if found:
+            return int(found[1]) * 1024
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -24,8 +24,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import require_room
 from optolever.errors import InputError, damage_of, reason_of, require_file
-from optolever.memory import require_room
 
 __all__ = [
     "MARK", "aside", "atomic_file", "atomic_folder", "growing_file", "latest", "load_arrays", "plain", "put",

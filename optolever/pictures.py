@@ -14,8 +14,8 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from optolever.arrays import require_room
 from optolever.errors import InputError, damage_of, require_file
-from optolever.memory import require_room
 
 __all__ = [
     "CHANNELS", "PICTURES", "STACKS", "colours_of", "grey_of", "is_lossy", "read_mask",

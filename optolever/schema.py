@@ -3,15 +3,30 @@ once, as they are read.
 
 An array's shape stands in its annotation, Annotated[NDArray[np.float32], "3 R C"]: numbers, and letters for
 extents that are equal wherever they occur in the record.
+
+Arguments of the verbs are checked where the package is entered (`checked`): a record of another type, and a
+masked array, are an InputError. Underflows are harmless, whatever np.seterr says.
 """
 
+import inspect
 import json
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +34,7 @@ from numpy.typing import NDArray
 from optolever.errors import InputError
 from optolever.files import load_arrays, plain
 
-__all__ = ["built", "from_json", "from_table", "load_record", "require_shapes"]
+__all__ = ["built", "checked", "from_json", "from_table", "load_record", "require_shapes"]
 
 T = TypeVar("T")
 #: Of a kind of values: its name in messages, and the types that it accepts.
@@ -214,3 +229,58 @@ def _wrong(name: str, value: Any, must: str) -> InputError:
     return InputError(
         f"{name} is {f'{value.dtype} of shape {value.shape}' if array else repr(value)[:60]}, must be {must}"
     )
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+#: What makes the records that users pass on.
+_MAKERS = {
+    "Sequence": "patterns.sequence(name, rows, cols)",
+    "Scene": "scene.load(preset or path)",
+    "Surface": "scene.dent(name, scene)",
+    "Correspondence": "decode.decode(frames, sequence)",
+}
+
+
+def checked(**records: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Of a verb: the types of its parameters, [type] of a list's; None is allowed where it is the default.
+
+    The InputError names the parameter, its value, the record that it must be, and what makes one.
+    """
+
+    def made(verb: Callable[P, R]) -> Callable[P, R]:
+        parameters = inspect.signature(verb).parameters
+
+        @wraps(verb)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name, value in (*zip(parameters, args, strict=False), *kwargs.items()):
+                if np.ma.is_masked(value):  # the mask would be lost
+                    raise InputError(f"{name}: a masked array, must be plain: pass {name}.filled(nan)")
+                if name in records and (value is not None or parameters[name].default is not None):
+                    _require(name, value, records[name])
+            with np.errstate(under="ignore"):
+                return verb(*args, **kwargs)
+
+        return call
+
+    return made
+
+
+def _require(name: str, value: object, kinds: Any) -> None:
+    """InputError unless the value is of one of these types; [kind]: a list of such."""
+    if isinstance(kinds, list) and isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            _require(f"{name}[{i}]", each, kinds[0])
+        return
+    types = tuple(kinds) if isinstance(kinds, tuple | list) else (kinds,)
+    if isinstance(kinds, list) or not isinstance(value, types):
+        cures = "; ".join(f"{_MAKERS[kind.__name__]} makes one" for kind in types if kind.__name__ in _MAKERS)
+        found = repr(value)[:60] if isinstance(value, str | int | float | None) else type(value).__name__
+        named = " or ".join(f"{_part(kind)}{kind.__name__}" for kind in types)
+        many = "a list of" if isinstance(kinds, list) else "a"
+        raise InputError(f"{name}: {found}, must be {many} {named}{cures and ': '}{cures}")
+
+
+def _part(kind: type) -> str:
+    """The part that a record comes from, as `scene.`."""
+    return f"{kind.__module__.split('.')[1]}." if kind.__module__.startswith("optolever.") else ""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from optolever.checks import checked
 from optolever.errors import InputError
 from optolever.numbers import whole, written
+from optolever.schema import checked
 
 from .codes import bits_for
 from .frame import Frame

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from optolever.checks import checked
+from optolever.arrays import require_room
 from optolever.errors import InputError
-from optolever.memory import require_room
 from optolever.patterns import STRIPES, Sequence
 from optolever.records import Progress, silent
 from optolever.scene import Scene, Sensor, Surface, resize
+from optolever.schema import checked
 
 from .colour_capture import ColourCapture
 from .electronics import NOMINAL_SENSOR, FrameElectronics, flicker_factor

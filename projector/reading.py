@@ -17,9 +17,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import require_room
 from optolever.blocks import on_cores
 from optolever.errors import InputError
-from optolever.memory import require_room
 from optolever.notices import Notice
 from optolever.patterns import Sequence
 from optolever.pictures import (

@@ -10,13 +10,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from optolever.arrays import require_room
 from optolever.blocks import threads
-from optolever.checks import checked
 from optolever.errors import InputError
-from optolever.memory import require_room
 from optolever.patterns import Sequence
 from optolever.records import Progress, logged, silent
 from optolever.scene import Scene, Surface
+from optolever.schema import checked
 
 from .capture import Capture, Image
 from .context import NoContextError, context, context_info

@@ -13,12 +13,12 @@ import scipy.ndimage
 
 from optolever.arrays import Floats, Mask, Pair
 from optolever.blocks import blas_on_one
-from optolever.checks import checked
 from optolever.decode import Correspondence
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.records import LOG, Progress, logged, silent
 from optolever.scene import TYPED, Scene, rig_covariance, without_rest_form
+from optolever.schema import checked
 
 from .heightmap import HeightMap
 from .judgement.circulation import circulation_chi2, contradicted
@@ -32,7 +32,7 @@ from .result import height_map, refused, with_references, without_unknown
 from .rig.calibration import same_capture
 from .rig.hypotheses import mistakes, of_another_rig
 from .rig.model import LINEAR, Measurement, RigJudgement, judged_rig, rig_model, rig_modes
-from .rig.shift import PictureShift, picture_shift, shift_modes
+from .rig.since_rest import PictureShift, picture_shift, shift_modes
 from .solver.anchors import EDGE_OR_BORDER, Anchors
 from .solver.edges import Doubt, defects, edge_weights
 from .solver.newton import State, solve

@@ -17,8 +17,7 @@ from optolever.contact import contacts as figures
 from optolever.notices import Judged
 from optolever.scene import Layer, Scene
 
-from .heightmap import REST_NOISE, HeightFlag, HeightMap
-from .outputs.coarse_modes import coarse_step, filled
+from .heightmap import REST_NOISE, HeightFlag, HeightMap, coarse_step, filled
 from .problem import Problem
 from .solver.newton import State
 from .uncertainty.sources import anchor_response

@@ -15,7 +15,7 @@ TOML only.
 | `parameters.py`, `covariance.py` | the numbers that a calibration adjusts; how sure they are, typed or not |
 | `surface.py` | Surface (height and gradient), Formula; height array as a bicubic spline |
 | `dent_forms.py`, `dents.py` | closed forms of the dents; dents by name, or from an image |
-| `meeting.py`, `tracing.py` | first meeting of ray and surface; Trace, trace; a pixel's movement |
+| `tracing.py` | first meeting of ray and surface; Trace, trace; a pixel's movement |
 | `drawing.py` | the rig from the side |
 | `fields.py`, `pose.py` | fields declared with limit and key; x_A = T_AB x_B |
 """

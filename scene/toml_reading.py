@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from optolever import InputError
-from optolever.checks import checked
 from optolever.files import atomic_file, latest
+from optolever.schema import checked
 from optolever.toml import read_toml, toml_text
 
 from .cameras import Camera, Face, PinholeCamera, TelecentricCamera, prism_camera

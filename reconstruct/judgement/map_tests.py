@@ -19,7 +19,7 @@ from ..problem import Problem
 from ..result import UNKNOWN
 from ..rig.hypotheses import of_another_rig
 from ..rig.model import LIKELY, Measurement, RigJudgement
-from ..rig.shift import PictureShift
+from ..rig.since_rest import PictureShift
 from ..solver.newton import State
 from .circulation import circulation_test
 

@@ -5,7 +5,6 @@
 | `resampling` | the regular grid, with conserved sigma |
 | `slope_map` | slopes from the normals, with sigma |
 | `curvature` | curvature from the slopes, with sigma |
-| `coarse_modes` | smooth maps on every step-th pixel, and back |
 """
 
 #: Inside of reconstruct its files are imported one by one: none of their names is public.

@@ -23,9 +23,8 @@ from optolever.scene import Scene
 from optolever.schema import load_record, require_shapes
 
 from ..geometry import pattern_plane, ray_field
-from ..heightmap import HeightMap
+from ..heightmap import HeightMap, Modes, expanded, filled, sum_of_squares
 from ..rig.calibration import rest_corrected
-from .coarse_modes import Modes, expanded, filled, sum_of_squares
 from .resampling import gradients
 
 __all__ = ["SlopeMap", "slope_map", "with_slope_noise"]

@@ -4,8 +4,7 @@
 |---|---|
 | `model` | modes by the errors of the rig; whether these explain the slopes |
 | `hypotheses` | mistakes in a description, tried one by one |
-| `since_rest` | the rig's motion between rest and press |
-| `shift` | the picture's shift by that motion, which may be the mirror's sinking |
+| `since_rest` | motion between rest and press; the picture's shift by it, which may be the mirror's sinking |
 | `calibration` | a rest capture as reference; errors that are no numbers of the scene: cover glass, gauge |
 """
 

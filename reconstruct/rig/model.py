@@ -25,10 +25,9 @@ from optolever.errors import InputError
 from optolever.scene import RestForm, Scene, adjusted, parameter_values, rig_covariance, strided
 
 from ..geometry import flat_mirror, pattern_plane, rest_height, traced_rays
-from ..heightmap import HeightFlag, HeightMap
+from ..heightmap import HeightFlag, HeightMap, Modes, coarse_step, filled
 from ..judgement.circulation import circulations
 from ..measured import Measured
-from ..outputs.coarse_modes import Modes, coarse_step, filled
 from ..problem import Problem, first_solution
 from ..solver.anchors import Anchors, PixelAnchor
 from ..solver.newton import State, chord_step, linear_changes

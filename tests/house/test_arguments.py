@@ -8,12 +8,12 @@ import pytest
 
 from optolever import InputError
 from optolever.calibration import calibrate
-from optolever.checks import checked
 from optolever.decode import Correspondence, decode
 from optolever.patterns import Frame, sequence
 from optolever.projector import capture
 from optolever.reconstruct import reconstruct
 from optolever.scene import dent, load
+from optolever.schema import checked
 
 SCENE, CODE, FRAMES = load("prism48"), sequence("gray", 4, 4), np.zeros((3, 4, 4), np.uint8)
 FLAT, SEEN = dent("flat", SCENE), object.__new__(Correspondence)
