@@ -1,6 +1,6 @@
 """Commands from functions: typed parameters are the arguments, the docstring is the help.
 
-    @program("form", SAMPLE)
+    @program("form", __doc__)
     def command(h: Annotated[Path, Arg("H.npz")], pitch: Annotated[float, Opt("--pitch MM", "...")] = 1.0):
 
 Defaults are shown; an option without one is required. A tuple repeats, a bool is a flag, a Literal a choice.
@@ -101,10 +101,13 @@ def _kind(annotation: Any) -> tuple[Any, bool]:
 
 
 def program(
-    name: str, text: str, kind: Callable[..., Program] = Program, listed: Mapping[str, Opt] | None = None
+    name: str,
+    doc: str | None,
+    kind: Callable[..., Program] = Program,
+    listed: Mapping[str, Opt] | None = None,
 ) -> Callable[[Callable[..., Any]], Program]:
-    """A command of a kind from a function; text: a sample session; listed: options of the values that the
-    function takes as **; None where they are not given."""
+    """A command of a kind from a function; doc: of its module, ending in a sample session; listed: options of
+    the values that the function takes as **; None where they are not given."""
 
     def made(function: Callable[..., Any]) -> Program:
         params = [mark.parameter(key, str, None) for key, mark in (listed or {}).items()]
@@ -115,7 +118,7 @@ def program(
             params.append(mark.parameter(each.name, annotation, each.default))
         params += helping([each for each in params if isinstance(each, Option)])
         helped = inspect.getdoc(function)
-        return kind(name, callback=function, params=params, help=helped, epilog=sample(text))
+        return kind(name, callback=function, params=params, help=helped, epilog=sample(doc))
 
     return made
 
@@ -151,9 +154,10 @@ def helping(options: list[Option]) -> list[click.Parameter]:
     return made
 
 
-def sample(text: str) -> str:
-    """A sample session for the end of --help, kept line by line."""
-    return "\b\nSample:\n" + "\n".join("  " + line for line in text.strip("\n").splitlines())
+def sample(doc: str | None) -> str:
+    """The session that a module's docstring ends in, for the end of --help, kept line by line."""
+    _, prompt, session = (doc or "").partition("\n$ ")
+    return "\b\nSample:\n" + "\n".join("  " + line for line in f"{prompt[1:]}{session}".splitlines())
 
 
 class Shape(click.ParamType[tuple[int, int]]):

@@ -1,4 +1,14 @@
-"""`optolever calibrate`: captures of simple targets to a scene with covariance."""
+"""`optolever calibrate`: captures of simple targets to a scene with covariance.
+
+$ optolever calibrate --scene monitor-mirror --out rig.toml \\
+      flat=p0.npz flat=p1.npz flat=p2.npz
+...
+$ optolever calibrate --scene prism48 --out rig.toml \\
+      rest=rest.npz ball:30,0.003=b.npz --leave-one-out
+...
+$ optolever calibrate --rig rig.toml rest ball:30,0.003
+1 of 2, rest: take everything off the mirror. Enter captures, s stops:
+"""
 
 import re
 import time
@@ -27,16 +37,6 @@ _UNUSED = {
     "rest": "the map was solved with the rig before; run optolever reconstruct --keep-rest again",
 }
 
-SAMPLE = """
-$ optolever calibrate --scene monitor-mirror --out rig.toml \\
-      flat=p0.npz flat=p1.npz flat=p2.npz
-...
-$ optolever calibrate --scene prism48 --out rig.toml \\
-      rest=rest.npz ball:30,0.003=b.npz --leave-one-out
-...
-$ optolever calibrate --rig rig.toml rest ball:30,0.003
-1 of 2, rest: take everything off the mirror. Enter captures, s stops:
-"""
 
 GIVEN, MADE = RigFile(".calibration.npz"), OutputFile(".toml", beside=(".calibration.npz",))
 RIG = Opt("--rig RIG.toml", "Take the captures now, by the camera and the display of this rig.", GIVEN)
@@ -56,7 +56,7 @@ FOLLOW = Rare("--follow", "Wait for each capture, and print its contribution as 
 PAGE = Opt("--report FILE.html", "Also write a page about the calibration.", OutputFile(".html"))
 
 
-@program("calibrate", SAMPLE)
+@program("calibrate", __doc__)
 def command(
     captures: Annotated[tuple[str, ...], Arg("TARGET[=CAPTURE[@MASK.png]]...", required=False)],
     scene_name: Annotated[str | None, preset()] = None,

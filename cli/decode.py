@@ -1,4 +1,15 @@
-"""`optolever decode`: pictures (a capture folder, any camera's folder, a SOFAST file) to a correspondence."""
+"""`optolever decode`: pictures (a capture folder, any camera's folder, a SOFAST file) to a correspondence.
+
+$ optolever decode capture --out c.npz
+Correspondence in c.npz
+  frames       22 of 256 x 256
+  good         98.03 % of the pixels
+  mirror       the mirror fills 100.0 % of the image; 98.0 % of it decoded
+  sigma u      0.021 px (median of the good pixels)
+  sigma v      0.021 px (median of the good pixels)
+  off_pattern  1.973 %
+  time         0.607 s
+"""
 
 import re
 import time
@@ -33,19 +44,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-SAMPLE = """
-$ optolever decode capture --out c.npz
-Correspondence in c.npz
-  frames       22 of 256 x 256
-  good         98.03 % of the pixels
-  mirror       the mirror fills 100.0 % of the image; 98.0 % of it decoded
-  sigma u      0.021 px (median of the good pixels)
-  sigma v      0.021 px (median of the good pixels)
-  off_pattern  1.973 %
-  time         0.607 s
-"""
-
-
 PROFILES = OutputFile(".toml", ".npz", updates=True, beside=(".profile.npz",))
 OUT = Opt("--out C.npz", "File to write the correspondence to.", OutputFile(".npz"))
 DESCRIPTION = Opt("--description TOML", "capture.toml by show, in place of --sequence and --pixels.")
@@ -66,7 +64,7 @@ BLUR = Rare(
 )
 
 
-@program("decode", SAMPLE, partial(Many, captures="sources", imports=("decode", "projector"), folders=True))
+@program("decode", __doc__, partial(Many, captures="sources", imports=("decode", "projector"), folders=True))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("DIR|PATTERN|FILE")],
     out: Annotated[Path, OUT],

@@ -1,16 +1,5 @@
-"""`optolever demo`: the full chain on a virtual sensor, and a report."""
+"""`optolever demo`: the full chain on a virtual sensor, and a report.
 
-from pathlib import Path
-from typing import Annotated
-
-import optolever as ol
-
-from .arguments import Opt, program
-from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
-from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
-from .printing import length, number, print_notices, progress, table, write_json
-
-SAMPLE = """
 $ optolever demo --pixels 256x256 --out demo
 Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
   height error                280 nm rms, median 63 nm
@@ -26,6 +15,15 @@ Demo: paper-simulation, raised-cosine:peak=1.3, gray+phase, 22 frames
   report                      demo/report.html
 """
 
+from pathlib import Path
+from typing import Annotated
+
+import optolever as ol
+
+from .arguments import Opt, program
+from .options import Dent, Full, Json, Noise, Renderer, SceneName, Seed, Shown, Size, load_scene
+from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
+from .printing import length, number, print_notices, progress, table, write_json
 
 #: By another process, while this one simulates and compiles the decoder's pixels.
 _COMPILED = {
@@ -35,7 +33,7 @@ _COMPILED = {
 OUT = Opt("--out DIR", "Gets report.html and the data behind it.", ReportFolder(*PAGE, full=PAGE_IN_FULL))
 
 
-@program("demo", SAMPLE)
+@program("demo", __doc__)
 def command(
     scene_name: SceneName = "paper-simulation",
     dent: Dent = None,

@@ -1,4 +1,18 @@
-"""`optolever design`: sequences for a scene, ranked by predicted height error."""
+"""`optolever design`: sequences for a scene, ranked by predicted height error.
+
+$ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
+Height error, rms in mm: prism48, at most 14 frames
+code                                   frames     acquire    CPU        predicted  simulated  +-  ...
+phase:steps=3,periods=5.56364/5.32174  12         0.2 s      0.125 s    0.0001864  0.000165   1.9e-06
+phase:steps=3,periods=6.8/6.44211      12         0.2 s      0.0494 s   0.0002002  0.0001719  5e-06
+ladder: 2 to 5 px, steps 3/4           14         0.233 s    0.0491 s   0.0002068  0.0001866  1.6e-06
+...
+Choice
+  sequence    phase:steps=3,periods=5.56364/5.32174
+  candidates  18
+  time        predict 33.26, simulate 6.842, total 40.1 s
+  written to  best.toml
+"""
 
 import math
 from dataclasses import asdict, fields, replace
@@ -16,21 +30,6 @@ from .arguments import ABOVE_0, AT_LEAST_0, Opt, program
 from .options import Colour, Dent, Json, SceneName, Size, colours_of, sections
 from .outputs import OutputFile
 from .printing import number, progress, table, write_json
-
-SAMPLE = """
-$ optolever design --scene prism48 --pixels 128x96 --frames 14 --out best.toml
-Height error, rms in mm: prism48, at most 14 frames
-code                                   frames     acquire    CPU        predicted  simulated  +-  ...
-phase:steps=3,periods=5.56364/5.32174  12         0.2 s      0.125 s    0.0001864  0.000165   1.9e-06
-phase:steps=3,periods=6.8/6.44211      12         0.2 s      0.0494 s   0.0002002  0.0001719  5e-06
-ladder: 2 to 5 px, steps 3/4           14         0.233 s    0.0491 s   0.0002068  0.0001866  1.6e-06
-...
-Choice
-  sequence    phase:steps=3,periods=5.56364/5.32174
-  candidates  18
-  time        predict 33.26, simulate 6.842, total 40.1 s
-  written to  best.toml
-"""
 
 FRAMES = Opt("--frames N", "Maximum number of frames.", click.IntRange(min=2))
 REFRESH = Opt("--refresh HZ", "Frames that the display shows per second.", ABOVE_0)
@@ -70,7 +69,7 @@ OUT = Opt(
 RANGE = Opt("--range", "Print the measuring range and sensitivity of the scene instead.")
 
 
-@program("design", SAMPLE)
+@program("design", __doc__)
 def command(
     scene_name: SceneName,
     dent: Dent = None,

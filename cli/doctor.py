@@ -1,22 +1,6 @@
 """`optolever doctor`: available and missing components of this machine, and the cost of their absence;
-cameras and monitors, each with its address."""
+cameras and monitors, each with its address.
 
-import importlib.metadata
-import importlib.util
-import platform
-from collections.abc import Callable
-from dataclasses import asdict
-from pathlib import Path
-
-import optolever as ol
-from optolever import InputError
-from optolever.blocks import threads
-
-from .arguments import program
-from .options import Json
-from .printing import grid, print_notices, table, write_json
-
-SAMPLE = """
 $ optolever doctor
 Found
   optolever                       0.1.0
@@ -33,6 +17,21 @@ Monitors
   0  DELL U2412M:YMYH1234 (1200 x 1920, 60 Hz, 324 x 518 mm, 8 bits)
 """
 
+import importlib.metadata
+import importlib.util
+import platform
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import optolever as ol
+from optolever import InputError
+from optolever.blocks import threads
+
+from .arguments import program
+from .options import Json
+from .printing import grid, print_notices, table, write_json
+
 CORE = ("moderngl", "numpy", "opencv-contrib-python-headless", "scipy", "numba", "glfw", "matplotlib")
 EXTRAS = {"h5py": "pip install 'optolever[sofast]'; without it SOFAST's HDF5 files cannot be read"}
 LIBRARIES = {"aravis-0.8": "apt-get install libaravis-0.8-0; without it no GigE or USB3 Vision camera"}
@@ -44,7 +43,7 @@ NONE = {
 }
 
 
-@program("doctor", SAMPLE)
+@program("doctor", __doc__)
 def command(json_path: Json = None) -> None:
     """Say what OpenGL, cameras, monitors, extras there are.
 

@@ -1,4 +1,12 @@
-"""`optolever explain`: the likeliest mistakes of a refused capture's order or description, or of a scene."""
+"""`optolever explain`: the likeliest mistakes of a refused capture's order or description, or of a scene.
+
+$ optolever explain pictures --sequence gray --pixels 1024x768 --out right.toml
+Mistakes that explain the pictures
+   explains  pictures numbered from 0
+1  98 %      picture 0 is one too many, or every picture shows the image before
+2  95 %      frame 1 is there twice, later ones are one late
+Description of 1 in right.toml
+"""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -15,21 +23,12 @@ from .options import Display, Json, Pictured, blame, load_scene
 from .outputs import OutputFile
 from .printing import grid, number, print_notices, progress, write_json
 
-SAMPLE = """
-$ optolever explain pictures --sequence gray --pixels 1024x768 --out right.toml
-Mistakes that explain the pictures
-   explains  pictures numbered from 0
-1  98 %      picture 0 is one too many, or every picture shows the image before
-2  95 %      frame 1 is there twice, later ones are one late
-Description of 1 in right.toml
-"""
-
 OUT = Opt("--out TOML", "File to write a description to, for `decode --description`.", OutputFile(".toml"))
 NAME = Opt("--take N", "Number of the mistake whose description is written.", click.IntRange(1))
 SCENE = Opt("--scene PRESET_OR_TOML", "Explain heights: DIR is a correspondence, C.npz.", lists="scenes")
 
 
-@program("explain", SAMPLE)
+@program("explain", __doc__)
 def command(
     sources: Annotated[tuple[Path, ...], Arg("DIR|PATTERN|FILE")],
     text: Pictured = None,

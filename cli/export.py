@@ -1,4 +1,12 @@
-"""`optolever export`: a height map in other programs' formats."""
+"""`optolever export`: a height map in other programs' formats.
+
+$ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5
+Exported h.npz
+  h.stl  1.038 MB
+  h.sdf  0.1395 MB
+  h.dat  0.04237 MB
+  h.xyz  0.319 MB
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,19 +18,10 @@ from .options import Json, blame
 from .outputs import HEIGHT_SUFFIXES, OutputFile
 from .printing import number, possible, table, write_json
 
-SAMPLE = """
-$ optolever export h.npz h.stl h.sdf h.dat h.xyz --pitch 0.5
-Exported h.npz
-  h.stl  1.038 MB
-  h.sdf  0.1395 MB
-  h.dat  0.04237 MB
-  h.xyz  0.319 MB
-"""
-
 PITCH = Opt("--pitch MM", "Pitch of the regular grid; default: about that of the camera's pixels.", ABOVE_0)
 
 
-@program("export", SAMPLE)
+@program("export", __doc__)
 def command(
     source: Annotated[Path, Arg("H.npz")],
     files: Annotated[tuple[Path, ...], Arg("FILE...", OutputFile(*HEIGHT_SUFFIXES, bare=False))],

@@ -1,4 +1,22 @@
-"""`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients."""
+"""`optolever form`: a height map without its form: radius, residual, slope error, Zernike coefficients.
+
+$ optolever form measured/h.npz --remove sphere
+Form of measured/h.npz: sphere; x, y from the middle (77.3122, 55.4159) mm
+number    value ± noise    ± rig
+vertex_x  −0.880 ± 0.46    1.7
+vertex_y  3.27 ± 0.59      2.6
+vertex_z  0.002410         0.0013
+radius    −990000 ± 11000  440000
+Residual
+  heights      0.5571 µm rms ± 5.9 nm noise, ± 17 nm rig; without its noise
+               0.5545 µm
+  PV           2.89 µm ± 120 nm noise, ± 180 nm rig; PVr 2.803 µm
+  slope error  39.47 µrad rms along x ± 0.41 µrad noise, ± 0.97 µrad rig; 30.48
+               µrad along y ± 0.47 µrad noise, ± 0.95 µrad rig; with its noise
+               44.84 µrad, 40.49 µrad
+  left out     the outermost ring of good pixels, whose centres may see no
+               mirror
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -19,25 +37,6 @@ from .printing import grid, length, print_notices, table, write_json
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-SAMPLE = """
-$ optolever form measured/h.npz --remove sphere
-Form of measured/h.npz: sphere; x, y from the middle (77.3122, 55.4159) mm
-number    value ± noise    ± rig
-vertex_x  −0.880 ± 0.46    1.7
-vertex_y  3.27 ± 0.59      2.6
-vertex_z  0.002410         0.0013
-radius    −990000 ± 11000  440000
-Residual
-  heights      0.5571 µm rms ± 5.9 nm noise, ± 17 nm rig; without its noise
-               0.5545 µm
-  PV           2.89 µm ± 120 nm noise, ± 180 nm rig; PVr 2.803 µm
-  slope error  39.47 µrad rms along x ± 0.41 µrad noise, ± 0.97 µrad rig; 30.48
-               µrad along y ± 0.47 µrad noise, ± 0.95 µrad rig; with its noise
-               44.84 µrad, 40.49 µrad
-  left out     the outermost ring of good pixels, whose centres may see no
-               mirror
-"""
 
 
 CSV = OutputFile(".csv")
@@ -87,7 +86,7 @@ TURNS = Opt(
 )
 
 
-@program("form", SAMPLE)
+@program("form", __doc__)
 def command(
     sources: Annotated[tuple[Path, ...], Arg("H.npz...")],
     form: Annotated[str | None, REMOVE] = None,

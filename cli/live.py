@@ -1,4 +1,12 @@
-"""`optolever live`: a camera's frames as heights, contacts and forces, on a page or as lines of JSON."""
+"""`optolever live`: a camera's frames as heights, contacts and forces, on a page or as lines of JSON.
+
+$ optolever live --pixels 160x120 --headless --frames 300
+Live: prism48, 60 x 80 cells
+  readings  300, 300 trusted
+  deepest   0.1707 ± 0.0022 mm
+  rate      21.6 readings/s, median delay 23.1 ms
+  noise     148 nm a frame, 45 nm/sqrt(Hz)
+"""
 
 import json
 import time
@@ -20,15 +28,6 @@ from .outputs import NewFolder, OutputFile
 from .printing import print_notices, table, write_json
 from .rig.opened import Changes
 
-SAMPLE = """
-$ optolever live --pixels 160x120 --headless --frames 300
-Live: prism48, 60 x 80 cells
-  readings  300, 300 trusted
-  deepest   0.1707 ± 0.0022 mm
-  rate      21.6 readings/s, median delay 23.1 ms
-  noise     148 nm a frame, 45 nm/sqrt(Hz)
-"""
-
 _RATED = 120  # readings: the rate is that of the last 60, the first ones are slow
 RATE = Opt("--rate HZ", "Frames a second of the virtual camera; 0: as fast as they are read.", AT_LEAST_0)
 STOP = Opt("--frames N", "Stop after so many readings; default: never.", click.IntRange(min=1))
@@ -46,7 +45,7 @@ SOCKET = Opt(
 )
 
 
-@program("live", SAMPLE)
+@program("live", __doc__)
 def command(
     rig: Annotated[Path | None, RIG] = None,
     changes: Changes = (),

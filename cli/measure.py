@@ -1,4 +1,14 @@
-"""`optolever camera measure`: capture, decode, reconstruct and report with a rig, in one go."""
+"""`optolever camera measure`: capture, decode, reconstruct and report with a rig, in one go.
+
+$ optolever camera measure --rig rig.toml --out press1
+Measured in press1
+  camera  virtual
+  frames  20 in 0.1069 s
+  good    97.15 % of the pixels
+  height  −150 nm to 0.3 mm
+  sigma   ± 42 nm noise, ± 0.38 mm rig (medians)
+  report  press1/report.html
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -27,25 +37,13 @@ from .printing import (
 from .rig.opened import Changes, OpenedRig, sequence_of
 from .rig.recorded_capture import capture_rig, measured_lag
 
-SAMPLE = """
-$ optolever camera measure --rig rig.toml --out press1
-Measured in press1
-  camera  virtual
-  frames  20 in 0.1069 s
-  good    97.15 % of the pixels
-  height  −150 nm to 0.3 mm
-  sigma   ± 42 nm noise, ± 0.38 mm rig (medians)
-  report  press1/report.html
-"""
-
-
 PROFILE = Rare("--profile NPZ", "Profile of the rig, instead of a new estimate.")
 ONLY = Opt("--frames-only", "Take the capture, into --out itself, and stop.")
 KEEP = Rare("--keep", "Keep the recording of all images, OUT.recording.")
 SAVE = Rare("--save-profile NPZ", "Store this capture's profile of the rig.", OutputFile(".npz"))
 
 
-@program("measure", SAMPLE, partial(Many, captures="captures", imports=("camera", "samples"), folders=True))
+@program("measure", __doc__, partial(Many, captures="captures", imports=("camera", "samples"), folders=True))
 def command(
     captures: Annotated[tuple[Path, ...], Arg("[DIR...]", required=False)],
     rig: OpenedRig,

@@ -1,4 +1,17 @@
-"""`optolever reconstruct`: a correspondence and a scene to a height map."""
+"""`optolever reconstruct`: a correspondence and a scene to a height map.
+
+$ optolever reconstruct c.npz --scene capture/scene.toml \\
+      --truth capture/truth.npz --contacts --out h.npz
+Height map in h.npz
+  good                98.03 % of the pixels
+  height              −0.006196 to 1.3 mm
+  sigma               ± 90 nm noise (medians)
+  off_pattern         1.973 %
+  error               0.0002127 of the peak depth, rms
+  rms(error / sigma)  0.9885
+  contact             depth 1.29999 ± 0.00019 mm at (81.85, 81.85) mm
+  force               unknown: the scene has no [layer] with youngs_modulus_mpa
+"""
 
 import re
 import time
@@ -41,20 +54,6 @@ from .printing import (
     write_json,
 )
 
-SAMPLE = """
-$ optolever reconstruct c.npz --scene capture/scene.toml \\
-      --truth capture/truth.npz --contacts --out h.npz
-Height map in h.npz
-  good                98.03 % of the pixels
-  height              −0.006196 to 1.3 mm
-  sigma               ± 90 nm noise (medians)
-  off_pattern         1.973 %
-  error               0.0002127 of the peak depth, rms
-  rms(error / sigma)  0.9885
-  contact             depth 1.29999 ± 0.00019 mm at (81.85, 81.85) mm
-  force               unknown: the scene has no [layer] with youngs_modulus_mpa
-"""
-
 
 def _sofast_files(scene: str) -> list[str]:
     """Files of SOFAST that make up the scene, a facet's name the last; none where it is another."""
@@ -78,7 +77,7 @@ _RARE = 1e-3  # share of pixels from which on a flag is printed
 _BUDGET = "Uncertainty by source; errors of the rig common to a dent and its surroundings cancel in its depth"
 
 
-@program("reconstruct", SAMPLE, partial(Many, captures="sources", imports=("reconstruct",)))
+@program("reconstruct", __doc__, partial(Many, captures="sources", imports=("reconstruct",)))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("C.npz")],
     scene_name: SceneName,

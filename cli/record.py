@@ -1,4 +1,11 @@
-"""`optolever camera record`: every image of a rig's camera, into a folder in common formats."""
+"""`optolever camera record`: every image of a rig's camera, into a folder in common formats.
+
+$ optolever camera record --rig rig.toml --seconds 0.5 --out film
+Recording in film
+  images      4, 8 a second
+  lost        0 by the camera, 0 by the disk
+  incomplete  0
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,16 +20,8 @@ from .outputs import NewFolder
 from .printing import number, table, write_json
 from .rig.opened import Changes, OpenedRig, levels_of, opened
 
-SAMPLE = """
-$ optolever camera record --rig rig.toml --seconds 0.5 --out film
-Recording in film
-  images      4, 8 a second
-  lost        0 by the camera, 0 by the disk
-  incomplete  0
-"""
 
-
-@program("record", SAMPLE)
+@program("record", __doc__)
 def command(
     rig: OpenedRig,
     seconds: Annotated[float, Opt("--seconds SECONDS", "Duration.", ABOVE_0)],

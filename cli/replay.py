@@ -1,4 +1,12 @@
-"""`optolever camera replay`: check of a recording; a capture's recording as a capture folder."""
+"""`optolever camera replay`: check of a recording; a capture's recording as a capture folder.
+
+$ optolever camera replay cap.recording
+Recording cap.recording
+  camera    virtual
+  images    21, incomplete 0
+  patterns  20 swaps
+  span      0.1406 s, 135.2 images a second
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,20 +20,10 @@ from .outputs import NewFolder
 from .printing import number, print_notices, table, write_json
 from .rig.recorded_capture import captured
 
-SAMPLE = """
-$ optolever camera replay cap.recording
-Recording cap.recording
-  camera    virtual
-  images    21, incomplete 0
-  patterns  20 swaps
-  span      0.1406 s, 135.2 images a second
-"""
-
-
 OUT = Opt("--out DIR", "Capture folder to make from the recording of a capture.", NewFolder())
 
 
-@program("replay", SAMPLE)
+@program("replay", __doc__)
 def command(
     folder: Annotated[Path, Arg("DIR")],
     out: Annotated[Path | None, OUT] = None,

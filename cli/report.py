@@ -1,4 +1,11 @@
-"""`optolever report`: a page from saved records."""
+"""`optolever report`: a page from saved records.
+
+$ optolever report h.npz --correspondence c.npz --scene capture/scene.toml --out report
+Report of h.npz: simulated, geometry known
+  good   98.83 % of the pixels
+  sigma  ± 39 nm noise (medians)
+  page   report/report.html
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,15 +17,6 @@ from .arguments import ABOVE_0, Arg, Opt, program
 from .options import Full, Json, blame, load_scene, preset, rest_file
 from .outputs import PAGE, PAGE_IN_FULL, ReportFolder
 from .printing import medians, noise_and_rig, number, print_notices, table, write_json
-
-SAMPLE = """
-$ optolever report h.npz --correspondence c.npz --scene capture/scene.toml --out report
-Report of h.npz: simulated, geometry known
-  good   98.83 % of the pixels
-  sigma  ± 39 nm noise (medians)
-  page   report/report.html
-"""
-
 
 CORRESPONDENCE = Opt("--correspondence C.npz", "File of decode: adds maps of u and v, and slopes.")
 REST = rest_file("slopes and dents are those less rest, as in reconstruct")
@@ -32,7 +30,7 @@ WAVES = Opt("--waves NM", "Also the deviation as a reflected wavefront in waves 
 FILES = ReportFolder(*PAGE, full=PAGE_IN_FULL)
 
 
-@program("report", SAMPLE)
+@program("report", __doc__)
 def command(
     source: Annotated[Path, Arg("H.npz")],
     correspondence: Annotated[Path | None, CORRESPONDENCE] = None,

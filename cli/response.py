@@ -1,4 +1,10 @@
-"""`optolever response`: radiometric response of display and camera, measured and stored with the rig."""
+"""`optolever response`: radiometric response of display and camera, measured and stored with the rig.
+
+$ optolever response ramp pose0 pose1 pose2 --scene rig.toml
+Response in rig.response.npz
+...
+$ optolever decode capture --response rig.toml --out c.npz
+"""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,12 +18,6 @@ from .options import Json, stored_in
 from .printing import number, progress, table, write_json
 
 CHANNELS = ("red", "green", "blue")
-SAMPLE = """
-$ optolever response ramp pose0 pose1 pose2 --scene rig.toml
-Response in rig.response.npz
-...
-$ optolever decode capture --response rig.toml --out c.npz
-"""
 
 
 MOSAIC = Opt(
@@ -26,7 +26,7 @@ MOSAIC = Opt(
 )
 
 
-@program("response", SAMPLE)
+@program("response", __doc__)
 def command(
     ramp: Annotated[Path, Arg("RAMP")],
     captures: Annotated[tuple[Path, ...], Arg("[CAPTURE]...", required=False)],

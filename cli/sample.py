@@ -1,4 +1,10 @@
-"""`optolever sample`: complete sets of captures to begin with, and the commands that go on from them."""
+"""`optolever sample`: complete sets of captures to begin with, and the commands that go on from them.
+
+$ optolever sample sensor --out sensor
+sensor: a rig, its captures, and the truth apart. It goes on with:
+  optolever response sensor/ramp sensor/rest --scene sensor/rig.toml
+  ...
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -12,18 +18,11 @@ from .options import Json, Seed
 from .outputs import NewFolder
 from .printing import progress, write_json
 
-SAMPLE = """
-$ optolever sample sensor --out sensor
-sensor: a rig, its captures, and the truth apart. It goes on with:
-  optolever response sensor/ramp sensor/rest --scene sensor/rig.toml
-  ...
-"""
-
 NAMES = ["sensor", "mirror", "forty", "design"]
 OUT = Opt("--out DIR", "Folder to make; default: the name of the set.", NewFolder())
 
 
-@program("sample", SAMPLE)
+@program("sample", __doc__)
 def command(
     name: Annotated[str, Arg("|".join(NAMES), click.Choice(NAMES))],
     out: Annotated[Path | None, OUT] = None,

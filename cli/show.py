@@ -1,4 +1,12 @@
-"""`optolever show`: a sequence on a real display, frame by frame."""
+"""`optolever show`: a sequence on a real display, frame by frame.
+
+$ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
+Shown on monitor 1
+  sequence   gray+phase
+  frames     28 of 28, of 1080 x 1920
+  each       0.5001 s on average
+  described  capture.toml
+"""
 
 import math
 from dataclasses import asdict
@@ -14,16 +22,6 @@ from .options import Colour, Json, in_colour, pixels, shown_sequence
 from .outputs import NewFolder, OutputFile
 from .printing import number, print_notices, table, write_json
 
-SAMPLE = """
-$ optolever show --sequence gray+phase --monitor 1 --seconds 0.5
-Shown on monitor 1
-  sequence   gray+phase
-  frames     28 of 28, of 1080 x 1920
-  each       0.5001 s on average
-  described  capture.toml
-"""
-
-
 SEQUENCE = Opt("--sequence NAME[:KEY=VALUE,...]", "Sequence, or a .toml file by design or Sequence.save.")
 PICTURES = Opt(
     "--pictures DIR", "Write 000.png, 001.png, ... and capture.toml there; show nothing.", NewFolder()
@@ -34,7 +32,7 @@ DESCRIBED = "Gets the description, for decode --description, in a new folder, to
 OUT = Opt("--out TOML", DESCRIBED, OutputFile(".toml", bare=False, folder=True))
 
 
-@program("show", SAMPLE)
+@program("show", __doc__)
 def command(
     sequence: Annotated[str, SEQUENCE] = "gray+phase",
     monitor: Annotated[str | None, MONITOR] = None,

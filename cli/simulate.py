@@ -1,4 +1,16 @@
-"""`optolever simulate`: frames of a dented mirror by a virtual sensor."""
+"""`optolever simulate`: frames of a dented mirror by a virtual sensor.
+
+$ optolever simulate --scene paper-simulation --pixels 256x256 \\
+      --dent gaussian:peak=1.3,sigma=20 --noise 1 --seed 1 --out capture
+Capture in capture
+  scene       paper-simulation
+  dent        gaussian:peak=1.3,sigma=20
+  sequence    gray+phase
+  frames      22 of 256 x 256
+  visible     100 % of the pixels
+  mean level  123.6
+  time        0.209 s
+"""
 
 import time
 from dataclasses import replace
@@ -13,21 +25,8 @@ from .options import Colour, Dent, Json, Noise, Renderer, SceneName, Seed, Shown
 from .outputs import NewFolder
 from .printing import number, progress, table, write_json
 
-SAMPLE = """
-$ optolever simulate --scene paper-simulation --pixels 256x256 \\
-      --dent gaussian:peak=1.3,sigma=20 --noise 1 --seed 1 --out capture
-Capture in capture
-  scene       paper-simulation
-  dent        gaussian:peak=1.3,sigma=20
-  sequence    gray+phase
-  frames      22 of 256 x 256
-  visible     100 % of the pixels
-  mean level  123.6
-  time        0.209 s
-"""
 
-
-@program("simulate", SAMPLE)
+@program("simulate", __doc__)
 def command(
     scene_name: SceneName,
     out: Annotated[Path, Opt("--out DIR", "Folder to make; it must be new or empty.", NewFolder())],

@@ -1,4 +1,12 @@
-"""`optolever camera expose`: exposure of a rig's camera by images of a white and a black display."""
+"""`optolever camera expose`: exposure of a rig's camera by images of a white and a black display.
+
+$ optolever camera expose --rig rig.toml --mask mask.png
+Exposure in rig.toml
+  exposure   16.67 ms
+  saturated  0 % of the pixels
+  contrast   85.1 % of full scale (median)
+  lit        100 % of the pixels
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,21 +29,12 @@ if TYPE_CHECKING:
 #: Share of full scale that a channel of white keeps: one that clips costs the three frames of its picture.
 _MOST = 235 / 255
 
-SAMPLE = """
-$ optolever camera expose --rig rig.toml --mask mask.png
-Exposure in rig.toml
-  exposure   16.67 ms
-  saturated  0 % of the pixels
-  contrast   85.1 % of full scale (median)
-  lit        100 % of the pixels
-"""
-
 
 COLOUR = Opt("--colour", "For patterns in colour: no channel beyond 235 of 255.")
 PNG = Opt("--mask FILE", "Also write the mask of the pixels that see the display.", OutputFile(".png"))
 
 
-@program("expose", SAMPLE)
+@program("expose", __doc__)
 def command(
     rig: OpenedRig,
     changes: Changes = (),

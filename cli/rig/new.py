@@ -1,4 +1,14 @@
-"""`optolever rig new`: the TOML of a rig from sizes, angles, distances and lens."""
+"""`optolever rig new`: the TOML of a rig from sizes, angles, distances and lens.
+
+$ optolever rig new --kind monitor --mirror 150x110 --display 1920x1080 --diagonal 24 \\
+      --image 1280x1024 --view-distance 500 --view-width 120 --angle 36.87 --distance 500 \\
+      --display-distance 400 --out rig.toml --json rig.json
+Rig in rig.toml
+  kind     monitor
+  display  531.3 x 298.9 mm, pixels of 0.2767 mm
+  visible  95.83 % of the pixels see the display in the mirror at rest
+  drawing  rig.png
+"""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,31 +24,19 @@ from ..outputs import OutputFile
 from ..printing import number, table, write_json
 from .questions import QUESTIONS, questions_of, typed_rig
 
-SAMPLE = """
-$ optolever rig new --kind monitor --mirror 150x110 --display 1920x1080 --diagonal 24 \\
-      --image 1280x1024 --view-distance 500 --view-width 120 --angle 36.87 --distance 500 \\
-      --display-distance 400 --out rig.toml --json rig.json
-Rig in rig.toml
-  kind     monitor
-  display  531.3 x 298.9 mm, pixels of 0.2767 mm
-  visible  95.83 % of the pixels see the display in the mirror at rest
-  drawing  rig.png
-"""
-
-
 DRAWN = OutputFile(".toml", bare=False, beside=(".png",))
 OUT = Opt("--out RIG.toml", "File to write; RIG.png is its drawing.", DRAWN)
 #: Of questions that need no answer: a centred display at the mirror's edge.
 FREE = {"across": None, "bezel": 0.0}
 
 
-@click.group("rig", epilog=sample(SAMPLE))
+@click.group("rig", epilog=sample(__doc__))
 def command() -> None:
     """Describe a rig."""
 
 
 @command.add_command
-@program("new", SAMPLE, listed={each.name: each.option for each in QUESTIONS})
+@program("new", __doc__, listed={each.name: each.option for each in QUESTIONS})
 def new(out: Annotated[Path, OUT], json_path: Json = None, **answers: Any) -> None:
     """Write the TOML of a rig and draw it from the side.
 

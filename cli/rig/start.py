@@ -1,4 +1,10 @@
-"""`optolever start`: from an unpacked camera to a live height, step by step."""
+"""`optolever start`: from an unpacked camera to a live height, step by step.
+
+$ optolever start --text --rig rig.toml
+Start: http://127.0.0.1:...   (Ctrl-C ends it; the same command goes on)
+From another machine: ssh -L ...:127.0.0.1:... ...   (then the same address in its browser)
+...
+"""
 
 import os
 import socket
@@ -21,13 +27,6 @@ from .start_page import GoTo, Interviewer
 from .start_steps import STEPS, Begun, require_devices
 from .views import DisplayPreview, preview_on
 
-SAMPLE = """
-$ optolever start --text --rig rig.toml
-Start: http://127.0.0.1:...   (Ctrl-C ends it; the same command goes on)
-From another machine: ssh -L ...:127.0.0.1:... ...   (then the same address in its browser)
-...
-"""
-
 BESIDE = (".png", ".live.npz", ".rest_places.npz", ".response.npz", ".calibration.npz")
 WRITTEN = OutputFile(".toml", bare=False, updates=True, beside=BESIDE)
 RIG = Opt("--rig RIG.toml", "File of the rig: written step by step, gone on with.", WRITTEN)
@@ -36,7 +35,7 @@ STEP = Opt("--from STEP", f"Go on at this step: {', '.join(STEPS)}.", click.Choi
 FRAMES = Rare("--frames N", "Of the live view, then stop.", click.IntRange(min=1))
 
 
-@program("start", SAMPLE)
+@program("start", __doc__)
 def command(
     rig: Annotated[Path, RIG] = Path("rig.toml"),
     text: Annotated[bool, TEXT] = False,

@@ -1,17 +1,5 @@
-"""`optolever camera sync`: latency, settling and shutter of a rig's display and camera, into its [sync]."""
+"""`optolever camera sync`: latency, settling and shutter of a rig's display and camera, into its [sync].
 
-from dataclasses import replace
-from pathlib import Path
-
-import optolever as ol
-from optolever.quantities import quantity
-
-from ..arguments import program
-from ..options import Json, Seed
-from ..printing import number, print_notices, table, write_json
-from .opened import Changes, OpenedRig, levels_of, opened
-
-SAMPLE = """
 $ optolever camera sync --rig rig.toml
 Synchronisation in rig.toml
   latency     38.20 ± 0.40 ms
@@ -24,8 +12,19 @@ Synchronisation in rig.toml
   residual    0.2 % of white less black
 """
 
+from dataclasses import replace
+from pathlib import Path
 
-@program("sync", SAMPLE)
+import optolever as ol
+from optolever.quantities import quantity
+
+from ..arguments import program
+from ..options import Json, Seed
+from ..printing import number, print_notices, table, write_json
+from .opened import Changes, OpenedRig, levels_of, opened
+
+
+@program("sync", __doc__)
 def command(
     rig: OpenedRig,
     changes: Changes = (),

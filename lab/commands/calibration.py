@@ -1,4 +1,10 @@
-"""`python -m lab calibration`: what a calibration is worth, by simulated rigs."""
+"""`python -m lab calibration`: what a calibration is worth, by simulated rigs.
+
+$ python -m lab calibration --draws 3 --setup "prism, rest + 3 balls"
+Dent less rest, relative to its depth
+set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds  absolute  change
+prism, rest + 3 balls  ...
+"""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -16,15 +22,9 @@ HEADS = (
     *("set-up", "draws", "error", "worst", "scale", "scale/sigma", "chi2/r", "r", "chi", "seconds"),
     *("absolute", "change"),
 )
-SAMPLE = """
-$ python -m lab calibration --draws 3 --setup "prism, rest + 3 balls"
-Dent less rest, relative to its depth
-set-up                 draws  error  worst  scale  scale/sigma  chi2/r  r  chi  seconds  absolute  change
-prism, rest + 3 balls  ...
-"""
 
 
-@program("calibration", SAMPLE)
+@program("calibration", __doc__)
 def command(
     draws: Annotated[int, Opt("--draws N", "Rigs of each set-up.", click.IntRange(1))] = 12,
     setups: Annotated[tuple[str, ...], Opt("--setup NAME", "One of the set-ups; default: all.")] = (),

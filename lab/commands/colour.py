@@ -1,4 +1,11 @@
-"""`python -m lab colour`: three patterns in a picture against the same patterns in grey."""
+"""`python -m lab colour`: three patterns in a picture against the same patterns in grey.
+
+$ python -m lab colour --seeds 1 --pixels 120x90
+Heights of a dent on prism48
+sequence               case       exposures  height  over grey  places e/s  heights e/s  > 5 sigma
+phase:periods=9/10/11  nominal    8          92 nm   1.2        0.92        0.9          0
+...
+"""
 
 from typing import Annotated, Any
 
@@ -11,16 +18,8 @@ from optolever.cli.printing import grid, progress, write_json
 
 __all__ = ["command"]
 
-SAMPLE = """
-$ python -m lab colour --seeds 1 --pixels 120x90
-Heights of a dent on prism48
-sequence               case       exposures  height  over grey  places e/s  heights e/s  > 5 sigma
-phase:periods=9/10/11  nominal    8          92 nm   1.2        0.92        0.9          0
-...
-"""
 
-
-@program("colour", SAMPLE)
+@program("colour", __doc__)
 def command(
     seeds: Annotated[int, Opt("--seeds N", "Captures of every kind.", click.IntRange(1))] = 4,
     size: Annotated[tuple[int, int], Opt("--pixels WIDTHxHEIGHT", "Of the camera.", Shape(8))] = (240, 320),

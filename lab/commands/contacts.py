@@ -1,4 +1,14 @@
-"""`python -m lab contacts`: contacts on rigs that are not as typed."""
+"""`python -m lab contacts`: contacts on rigs that are not as typed.
+
+$ python -m lab contacts --rigs 2
+Share of errors within one total sigma
+kind      fingers  found  cut  depth  area   position
+ball      2        2      0    1      1      0.75
+punch     0        0      0    -      -      -
+gaussian  7        7      0    0.571  0.571  0.571
+needle    1        1      0    1      1      0.5
+all       10       10     0    0.7    0.7    0.6
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,19 +21,8 @@ from optolever.cli.printing import grid, progress, write_json
 
 __all__ = ["command"]
 
-SAMPLE = """
-$ python -m lab contacts --rigs 2
-Share of errors within one total sigma
-kind      fingers  found  cut  depth  area   position
-ball      2        2      0    1      1      0.75
-punch     0        0      0    -      -      -
-gaussian  7        7      0    0.571  0.571  0.571
-needle    1        1      0    1      1      0.5
-all       10       10     0    0.7    0.7    0.6
-"""
 
-
-@program("contacts", SAMPLE)
+@program("contacts", __doc__)
 def command(
     rigs: Annotated[int, Opt("--rigs N", "Number of them.", click.IntRange(1))] = 45,
     seed: Seed = 2,

@@ -1,4 +1,13 @@
-"""`python -m lab figures`: figures beside their limits, measured here and now."""
+"""`python -m lab figures`: figures beside their limits, measured here and now.
+
+$ python -m lab figures --pixels 256x256
+Figures
+figure                                measured  limit
+...
+demo, unflagged                       97.63 %   at least 95
+demo, rms(error / sigma) of u         0.915     at least 0.9, at most 1.1
+...
+"""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -10,16 +19,6 @@ from optolever.cli.options import Json, Size
 from optolever.cli.printing import grid, number, progress, write_json
 
 __all__ = ["command"]
-
-SAMPLE = """
-$ python -m lab figures --pixels 256x256
-Figures
-figure                                measured  limit
-...
-demo, unflagged                       97.63 %   at least 95
-demo, rms(error / sigma) of u         0.915     at least 0.9, at most 1.1
-...
-"""
 
 
 DECODE = Opt(
@@ -34,7 +33,7 @@ PAGE = Opt(
 )
 
 
-@program("figures", SAMPLE)
+@program("figures", __doc__)
 def command(
     seeds: Annotated[int, Opt("--seeds N", "Runs of the mean over seeds.", click.IntRange(1))] = 30,
     only_decode: Annotated[bool, DECODE] = False,

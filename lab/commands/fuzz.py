@@ -1,4 +1,11 @@
-"""`python -m lab fuzz`: damaged inputs of every kind, by number."""
+"""`python -m lab fuzz`: damaged inputs of every kind, by number.
+
+$ python -m lab fuzz --cases 100 --seed 1
+Damaged inputs
+kind       results  refused  faults
+scene      5        6        0
+...
+"""
 
 import tempfile
 from collections import Counter
@@ -13,16 +20,8 @@ from optolever.cli.printing import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 
-SAMPLE = """
-$ python -m lab fuzz --cases 100 --seed 1
-Damaged inputs
-kind       results  refused  faults
-scene      5        6        0
-...
-"""
 
-
-@program("fuzz", SAMPLE)
+@program("fuzz", __doc__)
 def command(
     cases: Annotated[int, Opt("--cases N", "Number of them.", click.IntRange(1))] = 1000,
     seed: Seed = 0,

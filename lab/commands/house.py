@@ -1,15 +1,5 @@
-"""`python -m lab house`: the source in figures, and the guard that keeps it light."""
+"""`python -m lab house`: the source in figures, and the guard that keeps it light.
 
-from dataclasses import asdict
-from typing import Annotated
-
-from optolever.cli.arguments import Opt, program
-from optolever.cli.options import Json
-from optolever.cli.printing import grid, write_json
-
-__all__ = ["command"]
-
-SAMPLE = """
 $ python -m lab house
 Parts
 part       files  code   limit  over  JS, GLSL
@@ -21,8 +11,17 @@ number          now  limit  over
 long_functions  6    6
 """
 
+from dataclasses import asdict
+from typing import Annotated
 
-@program("house", SAMPLE)
+from optolever.cli.arguments import Opt, program
+from optolever.cli.options import Json
+from optolever.cli.printing import grid, write_json
+
+__all__ = ["command"]
+
+
+@program("house", __doc__)
 def command(
     reason: Annotated[
         str | None, Opt("--accept REASON", "Make today's lines the limits, for this reason.")

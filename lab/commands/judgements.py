@@ -1,4 +1,14 @@
-"""`python -m lab judgements`: every test of the program, its false alarms and its misses."""
+"""`python -m lab judgements`: every test of the program, its false alarms and its misses.
+
+$ python -m lab judgements --part heights --seeds 2
+False alarms on right captures
+part     test        limit  right captures  false alarms  of kind
+heights  moved       0.02   18              0
+...
+Faults that no test names
+part     fault                  named by  wrong captures  missed
+heights  camera moved by .2 px  moved     2               0
+"""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -12,19 +22,8 @@ from optolever.cli.printing import grid, progress, write_json
 
 __all__ = ["command"]
 
-SAMPLE = """
-$ python -m lab judgements --part heights --seeds 2
-False alarms on right captures
-part     test        limit  right captures  false alarms  of kind
-heights  moved       0.02   18              0
-...
-Faults that no test names
-part     fault                  named by  wrong captures  missed
-heights  camera moved by .2 px  moved     2               0
-"""
 
-
-@program("judgements", SAMPLE)
+@program("judgements", __doc__)
 def command(
     seeds: Annotated[int, Opt("--seeds N", "Captures of every kind.", click.IntRange(1))] = 3,
     part: Annotated[

@@ -1,4 +1,13 @@
-"""`python -m lab live`: heights of single frames, their time and error beside their limits."""
+"""`python -m lab live`: heights of single frames, their time and error beside their limits.
+
+$ python -m lab live
+Live: 480 x 640, two float32 cosine transforms 1.983 ms
+case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
+smooth   2     36.82  18.4 (14)     0.0016 (0.0002)   1.49         0               1
+smooth   4     20.73  10.2 (8)      0.0019 (0.0002)   1.51         0               1
+contact  2     46.49  21.6 (30)     0.00068 (0.001)   0.636        1e-05           1
+contact  4     19.68  9.69 (15)     0.031 (0.001)     0.767        0.00085         0.8
+"""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -11,18 +20,8 @@ from optolever.cli.printing import grid, number, progress, table, write_json
 
 __all__ = ["command"]
 
-SAMPLE = """
-$ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.983 ms
-case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     36.82  18.4 (14)     0.0016 (0.0002)   1.49         0               1
-smooth   4     20.73  10.2 (8)      0.0019 (0.0002)   1.51         0               1
-contact  2     46.49  21.6 (30)     0.00068 (0.001)   0.636        1e-05           1
-contact  4     19.68  9.69 (15)     0.031 (0.001)     0.767        0.00085         0.8
-"""
 
-
-@program("live", SAMPLE)
+@program("live", __doc__)
 def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
     streams: Annotated[

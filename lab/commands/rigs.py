@@ -1,4 +1,10 @@
-"""`python -m lab rigs`: heights of rigs that are not as typed, against their total sigma."""
+"""`python -m lab rigs`: heights of rigs that are not as typed, against their total sigma.
+
+$ python -m lab rigs --draws 5
+Rigs off by draws of their priors
+kind         capture  runs  error   total sigma  error/sigma  worst  beyond  notices  refused  silent
+camera pose  alone    5     ...
+"""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -15,15 +21,9 @@ HEADS = (
     *("kind", "capture", "runs", "error", "total sigma", "error/sigma", "worst", "beyond"),
     *("notices", "refused", "silent"),
 )
-SAMPLE = """
-$ python -m lab rigs --draws 5
-Rigs off by draws of their priors
-kind         capture  runs  error   total sigma  error/sigma  worst  beyond  notices  refused  silent
-camera pose  alone    5     ...
-"""
 
 
-@program("rigs", SAMPLE)
+@program("rigs", __doc__)
 def command(
     draws: Annotated[int, Opt("--draws N", "Of every kind.", click.IntRange(1))] = 5,
     chosen: Annotated[tuple[str, ...], Opt("--kind NAME", "Kinds of errors; default: all.")] = (),

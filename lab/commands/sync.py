@@ -1,4 +1,11 @@
-"""`python -m lab sync`: synchronisation and capture of drawn displays and cameras in simulated time."""
+"""`python -m lab sync`: synchronisation and capture of drawn displays and cameras in simulated time.
+
+$ python -m lab sync --frames 100000
+Synchronisation in simulated time
+setting  latency  rise   fall   shutter  within  frames  wrong  mixed  incomplete  time / bound
+0        0.07     0.00   -0.02  -0.00    yes     5000    0      0      0           0.899
+...
+"""
 
 from typing import Annotated
 
@@ -11,16 +18,9 @@ from optolever.cli.printing import grid, write_json
 __all__ = ["command"]
 
 NAMES = ("latency", "rise", "fall", "shutter")
-SAMPLE = """
-$ python -m lab sync --frames 100000
-Synchronisation in simulated time
-setting  latency  rise   fall   shutter  within  frames  wrong  mixed  incomplete  time / bound
-0        0.07     0.00   -0.02  -0.00    yes     5000    0      0      0           0.899
-...
-"""
 
 
-@program("sync", SAMPLE)
+@program("sync", __doc__)
 def command(
     frames: Annotated[int, Opt("--frames N", "In all.", click.IntRange(20))] = 100_000,
     seed: Seed = 0,
