@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import optolever as ol
+from optolever import InputError
 
 from ..arguments import Opt
 from ..options import RigFile, in_colour
@@ -45,11 +46,23 @@ def opened(
 
 def image_size(address: str) -> str:
     """WIDTHxHEIGHT of a camera's full image, by its driver. InputError if it cannot be opened."""
+    accepted = _accepted(address)
+    return f"{accepted.cols}x{accepted.rows}"
+
+
+def has_colours(address: str) -> bool:
+    """Whether a camera, or the virtual one, gives colours that can be unmixed."""
+    try:
+        return address == "virtual" or bool(_accepted(address, colour=True).mosaic)
+    except InputError:
+        return False
+
+
+def _accepted(address: str, *, colour: bool = False) -> "ol.projector.Accepted":
     from optolever.camera.cameras import open_camera
 
     camera = open_camera(address)
     try:
-        accepted = camera.configure(ol.projector.Wanted(1 / 60))
+        return camera.configure(ol.projector.Wanted(1 / 60, colour=colour))
     finally:
         camera.close()
-    return f"{accepted.cols}x{accepted.rows}"

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import optolever as ol
@@ -13,9 +14,9 @@ from optolever.toml import read_toml, toml_text
 from ..options import decoded_by_response, response_of
 from .expose import chosen_exposure
 from .new import draw_rig, visible_share
-from .opened import image_size, levels_of, opened, sequence_of
+from .opened import has_colours, image_size, levels_of, opened, sequence_of
 from .questions import BALL, KINDS, QUESTIONS, SIMULATED_VIEW, VIEW_60, questions_of, scene_of, typed_rig
-from .recorded_capture import capture_now, capture_rest
+from .recorded_capture import capture_now, capture_rest, capture_rig
 from .start_page import GoTo, Interviewer
 from .sync import synchronised
 from .target_captures import capture_targets
@@ -24,7 +25,13 @@ from .views import preview_on, views_of
 __all__ = ["STEPS", "Begun", "require_devices", "rest"]
 
 _SIMULATED = "virtual"
-_KEPT = ("devices", "sync", "response", "start")  # sections that other numbers of the rig leave as they are
+_KEPT = (
+    "devices",
+    "sync",
+    "response",
+    "colour",
+    "start",
+)  # sections that other numbers of the rig leave as they are
 _RESTS = 8  # frames of the fringe at rest
 _FLATS = 5
 _LEAST = 0.1  # share of the picture that sees the display: below it `prepare` refuses
@@ -247,6 +254,28 @@ def response(begun: Begun, front: Interviewer) -> None:
         front.say(f"The levels follow {spoilt}. They are taken off as measured.", fault=True)
 
 
+def colour(begun: Begun, front: Interviewer) -> None:
+    """As `response --colour`, where the camera has colours; may be left out."""
+    if not has_colours(str(begun.devices["camera"])):
+        return
+    text = "Three patterns in each picture? It takes a display and a camera in colour."
+    if front.go(text, {"": "leave it out", "c": "measure their colours"}) == "":
+        return
+    front.busy("showing the colours")
+    chosen = ol.camera.devices_of(begun.rig)
+    if not begun.simulated:
+        chosen, _ = chosen_exposure(begun.rig, chosen, colour=True)
+    with TemporaryDirectory() as folder:
+        ramp = sequence_of(begun.rig, "ramp", "none")
+        taken = capture_rig(begun.rig, chosen, ramp, Path(folder) / "ramp", keep=False).capture
+    assert isinstance(taken, ol.projector.ColourCapture)
+    found = ol.calibration.measure_colours(taken, taken.raw)
+    ol.scene.write_sections(begun.rig, {"devices": chosen.table()})
+    ol.calibration.store_colours(begun.rig, found)
+    stripes = found.stripes or "unknown"
+    front.say(f"Stripes {stripes}: optolever camera measure --rig {begun.rig} --colour {stripes} uses them.")
+
+
 def rest(begun: Begun, front: Interviewer) -> None:
     """The mirror at rest: checked against the numbers, kept for heights and for the live view."""
     front.go("Take everything off the mirror, and hold still.", {"": "measure it"})
@@ -377,6 +406,7 @@ STEPS: dict[str, tuple[str, Callable[[Begun, Interviewer], None]]] = {
     "expose": ("Exposure", expose),
     "sync": ("Delay of the display", sync),
     "response": ("Gamma of the display", response),
+    "colour": ("Colours", colour),
     "rest": ("The mirror at rest", rest),
     "targets": ("Calibration", targets),
 }

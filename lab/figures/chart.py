@@ -9,6 +9,7 @@ from optolever.design import (
     Lever,
     Panel,
     Tradeoff,
+    in_colour,
     row_of,
     run_design,
     simulated,
@@ -31,6 +32,7 @@ CODES = {
     "close periods, 4 steps": "phase:periods=9/10/11",
     "gray+phase": "gray+phase", "gray": "gray", "micro-phase": "micro-phase",
 }  # fmt: skip
+COLOURED = ("close periods, 4 steps", "gray+phase")  # also in colour, stripes in one place
 BUDGETS = {12: "A", 18: "B", 24: "C"}  # pictures, of `optolever design`
 CHARTS = {"frames": "error_pictures.png", "cpu_seconds": "error_seconds.png"}
 DRAWS = 3
@@ -43,6 +45,8 @@ def chart_rows(progress: Progress) -> Iterator[tuple[str, str, Rows]]:
         scene = resize(load(name, exact=True), *size)
         cells = scene.pattern.rows, scene.pattern.cols
         codes = {code: user_candidate(text, *cells) for code, text in CODES.items()}
+        for code in COLOURED:
+            codes |= {f"{code}, in colour": one for one in in_colour([codes[code]], "none")}
         for budget in BUDGETS:
             progress(f"{name}, design --frames {budget}", 6 * at, 12)
             best = run_design(scene, frames=budget, verify=0).chosen

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from optolever import InputError, live
-from optolever.calibration import aim_fault, rest_fault
+from optolever.calibration import aim_fault, load_colours, rest_fault
 from optolever.cli import run
 from optolever.cli.rig.new import visible_share
 from optolever.cli.rig.questions import KINDS, questions_of
@@ -32,8 +32,18 @@ from optolever.cli.rig.start_steps import Begun, require_devices, rest
 from optolever.decode import Correspondence
 from optolever.live import fringe_period, prepare
 from optolever.patterns import sequence
-from optolever.projector import capture
-from optolever.scene import Scene, TypedRig, adjusted, dent, load, parameter_values, rig_toml, trace
+from optolever.projector import NOMINAL_SENSOR, capture, exact_response
+from optolever.scene import (
+    Scene,
+    TypedRig,
+    adjusted,
+    dent,
+    load,
+    parameter_values,
+    rig_toml,
+    trace,
+    write_sections,
+)
 
 from ..projector.conftest import x_display
 from ..projector.screen import ENTER, ESCAPE, FrameBuffer, press
@@ -238,6 +248,28 @@ class Visitor:
         if before is not None:
             before()
         assert answered(self.address, json.dumps({"id": self._form, **answer}))[0] == 200
+
+
+def test_colours_are_measured_where_the_camera_has_them(tmp_path: Path) -> None:
+    """Of a display with stripes that nobody named; the walk goes on in grey."""
+    (tmp_path / "rig.toml").write_text(rig_toml("rig", RIGS["prism"]))
+    rig = load(tmp_path / "rig.toml")
+    replace(rig, pattern=replace(rig.pattern, stripes="bgr")).save(tmp_path / "rig.toml")
+    write_sections(tmp_path / "rig.toml", {"devices": {"camera": "virtual"}})
+    command = [sys.executable, "-u", "-c", "from optolever.cli import main; main()", "start", "--text"]
+    command += ["--from", "colour", "--rig", str(tmp_path / "rig.toml")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            page = Visitor(program)
+            page.answer("colour", key="c")
+            page.wait(lambda now: now["form"] and now["step"] == "rest")
+        finally:
+            program.kill()
+    found = load_colours(tmp_path / "rig.toml")
+    assert found is not None
+    assert found.stripes == "bgr"
+    exact = exact_response(NOMINAL_SENSOR).mix
+    assert np.abs(found.mix / found.mix.sum() - exact / exact.sum()).max() < 0.003
 
 
 @pytest.fixture
