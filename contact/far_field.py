@@ -173,7 +173,7 @@ def _columns(fields: Callable[..., list[Floats]], circles: Sequence[Circle], x: 
     for cx, cy, radius in circles:
         dx, dy = (x - cx) / radius, (y - cy) / radius
         columns += fields(dx, dy, np.maximum(np.hypot(dx, dy), 1.0), radius)
-    return np.reshape(columns, (-1, *np.shape(x)))
+    return np.reshape(columns, (len(columns), *np.shape(x)))
 
 
 def _cells(surface: Surface) -> _Cells:

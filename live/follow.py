@@ -9,6 +9,7 @@ import numpy as np
 
 from optolever.arrays import Frame
 from optolever.camera import ClockMap
+from optolever.camera.cameras import Replay
 from optolever.errors import InputError
 from optolever.projector import Image
 
@@ -26,12 +27,14 @@ _PATIENCE = 30.0  # s without a frame, after which the camera counts as lost
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A reading, its image, its latency after the image's arrival, s, and the probes."""
+    """A reading, its image, its latency after the image's arrival, s, and the probes; wall: the reading's
+    time by the wall clock, s since 1970, one offset for all of a camera's."""
 
     reading: Reading
     image: Image
     delay: float
     probes: tuple[Probed, ...] = ()
+    wall: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, no maps."""
@@ -40,6 +43,7 @@ class Followed:
         return {
             "frame": self.image.id,
             "time_s": reading.time,
+            "wall_s": self.wall,
             "delay_s": self.delay,
             "trusted": reading.trusted,
             "reason": reading.reason,
@@ -59,7 +63,7 @@ def follow(
 ) -> Iterator[Followed]:
     """Readings of a camera's complete frames, `frames` of them, or without end; their time is the exposure's
     stamp, or where the camera has none, the arrival. InputError if no frame arrives."""
-    done, last, clock = 0, time.monotonic(), ClockMap()
+    done, last, clock, offset = 0, time.monotonic(), ClockMap(), _wall_less_monotonic(source)
     while frames is None or done < frames:
         image = source.next(1.0)
         if image is None or not image.complete:
@@ -70,7 +74,14 @@ def follow(
         last = time.monotonic()
         done += 1
         probed = probes.read(reading, image.id) if probes else ()
-        yield Followed(reading, image, last - image.arrived_s, probed)
+        yield Followed(reading, image, last - image.arrived_s, probed, offset + reading.time)
+
+
+def _wall_less_monotonic(source: Source) -> float:
+    """Of the clocks, s; of a recording, as it was recorded."""
+    camera = getattr(source, "camera", None)
+    now = time.time() - time.monotonic()
+    return float(camera.recording.about["wall_less_monotonic_s"]) if isinstance(camera, Replay) else now
 
 
 def tared(prepared: Prepared, frames: Frame) -> Prepared:

@@ -63,6 +63,6 @@ def replayed(folder: str | Path) -> Iterator[Replayed]:
 
 def _numbers(followed: Followed) -> dict[str, Any]:
     numbers = followed.to_dict()
-    del numbers["delay_s"], numbers["probes"]
+    del numbers["delay_s"], numbers["probes"], numbers["wall_s"]
     maps = (followed.reading.z, followed.reading.sigma)
     return numbers | {"crc32": [zlib.crc32(np.ascontiguousarray(one).tobytes()) for one in maps]}

@@ -111,7 +111,7 @@ class Newest:
     manager."""
 
     def __init__(self, source: Source) -> None:
-        self._source, self.skipped = source, 0
+        self._source, self.skipped, self.camera = source, 0, getattr(source, "camera", None)
         self._newest: Queue[Image | Exception] = Queue(1)
         self._over = False
         self._thread = Thread(target=self._read, daemon=True)

@@ -43,12 +43,13 @@ class ContactTable(AbstractContextManager["ContactTable"]):
     def __init__(self, path: str | Path) -> None:
         self._file = growing_file(path)
         self._rows = csv.writer(self._file, lineterminator="\n")
-        self._rows.writerow(("time_s", "frame", "trusted", "contact", *_COLUMNS, *_FORCES))
+        self._rows.writerow(("time_s", "wall_s", "frame", "trusted", "contact", *_COLUMNS, *_FORCES))
 
     def write(self, followed: Followed) -> None:
         """The contacts of a reading."""
         reading = followed.reading
-        head = f"{reading.time:.6f}", followed.image.id, int(reading.trusted)
+        wall = "" if followed.wall is None else f"{followed.wall:.6f}"
+        head = f"{reading.time:.6f}", wall, followed.image.id, int(reading.trusted)
         forces = {force.identity: force for force in reading.forces}
         for touch in reading.touches:
             values = [getattr(touch, name) for name in _COLUMNS.values()]

@@ -8,11 +8,13 @@ import io
 import re
 import shlex
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 from optolever.cli import run
+from optolever.cli.commands import CAMERA, SECTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Notices that are true of pages' captures, by their first words.
@@ -114,6 +116,23 @@ def test_every_code_block_names_its_language() -> None:
     for page in PAGES:
         fences = re.findall(r"^```(\S*)", (ROOT / page).read_text(), re.MULTILINE)[::2]
         assert set(fences) <= {"python", "console", "toml", "{toctree}", "{eval-rst}"}, page
+
+
+def test_commands_and_parts_have_their_lines() -> None:
+    """The commands of --help, and the faces of the installed parts."""
+    table = re.findall(
+        r"^\| `optolever ([\w ]+)`", (ROOT / "docs/reference/cli.md").read_text(), re.MULTILINE
+    )
+    groups = {"camera": CAMERA, "rig": ("new",)}
+    names = [name for names in SECTIONS.values() for name in names]
+    assert table == [
+        " ".join(one).strip() for name in names for one in product([name], groups.get(name, [""]))
+    ]
+    sections = re.findall(
+        r"^## optolever\.(\w+)$", (ROOT / "docs/reference/api.md").read_text(), re.MULTILINE
+    )
+    inside = {"optolever", "cli", "lab", "tests"}
+    assert set(sections) == {path.parent.name for path in ROOT.glob("*/__init__.py")} - inside
 
 
 def test_architecture_names_files_that_exist() -> None:

@@ -268,6 +268,12 @@ def test_lines_of_json_and_the_numbers_of_the_run(
     assert all(line["probes"][0]["sigma"] > 0 for line in lines)
     rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
     assert len(rows) == 20
+    for line, row in zip(lines, rows, strict=True):
+        assert abs(time.time() - line["wall_s"]) < 3600
+        assert float(row["wall_s"]) == pytest.approx(line["wall_s"], abs=1e-5)
+        assert line["wall_s"] - line["time_s"] == pytest.approx(
+            lines[0]["wall_s"] - lines[0]["time_s"], abs=1e-5
+        )
     assert max(float(row["depth_mm"] or 0) for row in rows) > 0.02
     assert run([*args[:3], "--frames", "130"]) == 0  # with the page
     out = capfd.readouterr().out

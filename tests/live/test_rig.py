@@ -3,14 +3,19 @@
 import csv
 import json
 import socket
+import struct
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import pytest
 
 from optolever import InputError, live
+from optolever.camera import Recording
 from optolever.camera.cameras import StillCamera
 from optolever.live import ReadingRecorder, ReadingSocket, kept_rest, virtual_rig
 from optolever.projector import WHITE_NOISE_SENSOR, Image
@@ -140,6 +145,8 @@ def test_a_recording_is_a_rig_s_camera(tmp_path: Path) -> None:
     ):
         for followed in readings.followed():
             contacts.write(followed)
+            recorded = Recording(tmp_path / "film").about["wall_less_monotonic_s"]
+            assert followed.wall == pytest.approx(followed.reading.time + recorded, abs=1e-5)
     rows = list(csv.DictReader(table.read_text().splitlines()))
     pressed = [one for one in kept[1:] if one.reading.touches]
     found = [row for row in rows if row["contact"]]
@@ -184,3 +191,38 @@ def test_a_socket_sends_whole_heights(tmp_path: Path) -> None:
         (tmp_path / "s").rename(tmp_path / "aside")
         (tmp_path / "s").write_text("of somebody else")
     assert (tmp_path / "s").read_text() == "of somebody else"
+
+
+def test_foxglove_hears_of_a_contact(tmp_path: Path) -> None:
+    """The example, and a client of Foxglove's websocket."""
+    for package in ("foxglove", "websockets"):
+        pytest.importorskip(package, reason="foxglove-sdk and websockets: pip install -e .[dev]")
+    from websockets.sync.client import connect
+
+    scene = replace(resize(load("prism48"), 96, 128), dent=None, layer=Layer(0.2, 0.5, 8.0))
+    program = Path(__file__).parents[2] / "examples" / "foxglove_live.py"
+    words = [sys.executable, str(program), str(_saved(scene, tmp_path / "rig.toml")), "0"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            address = server.stdout.readline().strip()
+            with connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
+                channels: list[dict[str, Any]] = []
+                while not channels:
+                    message = client.recv(timeout=60)
+                    channels = json.loads(message).get("channels", []) if isinstance(message, str) else []
+                wanted = [{"id": 7, "channelId": one["id"]} for one in channels if one["topic"] == "/reading"]
+                client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+                touches: list[Any] = []
+                while not touches:
+                    message = client.recv(timeout=60)
+                    if isinstance(message, bytes):
+                        operation, subscription, log_time = struct.unpack_from("<BIQ", message)
+                        reading = json.loads(message[13:])
+                        touches = reading["touches"]
+        finally:
+            server.kill()
+    assert (operation, subscription) == (1, 7)
+    assert 1e-9 * log_time == pytest.approx(reading["wall_s"], abs=1e-5)
+    assert reading["forces"][0]["newton"] > 0
+    assert touches[0]["depth"] > 0
