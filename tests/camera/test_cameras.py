@@ -27,6 +27,8 @@ from optolever.patterns import sequence
 from optolever.projector import Camera, CameraLost, Identity, Image, RealTime, Wanted, capture
 from optolever.scene import dent, load, resize
 
+CURE = "raw, or grey patterns"
+
 
 @dataclass
 class RecordedDevice:
@@ -184,20 +186,50 @@ def test_v4l2_colours_are_the_bytes_of_the_driver(fourcc: bytes, mosaic: str) ->
     assert np.abs(pixels - means).max() < 2
 
 
-def test_formats_that_hold_no_raw_colours_are_refused_with_a_cure() -> None:
+@pytest.mark.parametrize(
+    ("fourccs", "bits"),
+    [
+        pytest.param((b"MJPG", b"NV12"), 8, id="MJPG"),
+        pytest.param((b"UYVY",), 8, id="UYVY"),
+        pytest.param((b"RG10", b"BA12"), 8, id="raw of 10 and 12 bits"),
+        pytest.param((b"pRAA", b"pgCC"), 8, id="packed raw of 10 and 12 bits"),
+        pytest.param((b"RGGB",), 12, id="raw of 8 bits, 12 asked for"),
+    ],
+)
+def test_formats_that_hold_no_raw_colours_are_refused_with_a_cure(
+    fourccs: tuple[bytes, ...], bits: int
+) -> None:
+    names = " ".join(one.decode() for one in fourccs)
+    said = f"camera: /dev/video0 has no format of raw colours of {bits} bits, it has {names}; {CURE}"
+    with pytest.raises(InputError) as caught:
+        V4L2Camera(RecordedDevice(fourccs=fourccs), "/dev/video0").configure(
+            Wanted(0.01, bits=bits, colour=True)
+        )
+    assert str(caught.value) == said
+
+
+def test_a_format_that_is_asked_for_is_no_way_around() -> None:
     for fourccs, wanted, said in (
-        (
-            (b"MJPG", b"NV12"),
-            Wanted(0.01, colour=True),
-            "raw colours of 8 bits, it has MJPG NV12; raw, or grey",
-        ),
-        ((b"RGGB",), Wanted(0.01, bits=12, colour=True), "raw colours of 12 bits, it has RGGB; raw, or grey"),
         ((b"RGGB",), Wanted(0.01), "no grey format of 8 bits, it has RGGB; .*--colour"),
-        ((b"MJPG", b"YUYV"), Wanted(0.01, format="MJPG", colour=True), "no format of raw colours"),
+        ((b"MJPG", b"YUYV"), Wanted(0.01, format="MJPG", colour=True), f"it has MJPG YUYV; {CURE}$"),
     ):
-        with pytest.raises(InputError, match=said) as caught:
+        with pytest.raises(InputError, match=said):
             V4L2Camera(RecordedDevice(fourccs=fourccs), "/dev/video0").configure(wanted)
-        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_aravis_refuses_raw_colours_that_its_camera_packs_or_lacks(bits: int) -> None:
+    aravis_or_skip()
+    fake = ctypes.CDLL("libaravis-0.8.so.0")
+    fake.arv_enable_interface(b"Fake")
+    try:
+        camera = AravisCamera("Fake_1")
+        said = f"^camera: Fake_1 has no format of raw colours of {bits} bits; {CURE}$"
+        with pytest.raises(InputError, match=said):
+            camera.configure(Wanted(0.005, bits=bits, colour=True))
+        camera.close()
+    finally:
+        fake.arv_disable_interface(b"Fake")
 
 
 def test_aravis_takes_raw_colours_of_its_fake_camera(monkeypatch: pytest.MonkeyPatch) -> None:
