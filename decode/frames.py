@@ -242,6 +242,11 @@ class Light:
         """The linear level at which samples saturate."""
         return float(self.table[min(int(self.clip), len(self.table) - 1)]) if len(self.table) else self.clip
 
+    @property
+    def numbers(self) -> tuple[NDArray[Any], F32 | None, np.float32]:
+        """For kernels: raw levels, table (None: linear), clip."""
+        return self.raw, self.table if len(self.table) else None, np.float32(min(self.clip, 1e9))
+
     def linear(self, raw: NDArray[Any]) -> F32:
         """Linear levels of some raw ones, float32; saturated ones are NaN."""
         level = self.table[raw] if len(self.table) else raw.astype(np.float32)

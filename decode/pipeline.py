@@ -364,10 +364,6 @@ def _period(axis: AxisPlan, table: Table | None) -> float:
     return axis.fringes[0].period if axis.fringes else 4 * table.jump if table is not None else 1.0
 
 
-def _numbers(light: Light) -> tuple[NDArray[Any], F32 | None, np.float32]:
-    return light.raw, light.table if len(light.table) else None, np.float32(min(light.clip, 1e9))
-
-
 def _statistics(light: Light, ready: Prepared, raw: NDArray[Any]) -> Sampled:
     """Of sample pixels (N, K), by the pixel kernel alone."""
     if not raw.shape[1]:
@@ -382,7 +378,7 @@ def _sampled(light: Light, ready: Prepared, raw: NDArray[Any]) -> Maps:
     """Sample pixels (N, K) decoded as a row of an image."""
     few = replace(light, raw=raw[:, None])
     maps, looked_up = _maps(len(ready.axes), 1, raw.shape[1]), _looked_up(few, ready, 0, 1)
-    pixel_rows(_numbers(few), _noise(ready), ready.tables, looked_up, (0, 1, 0, 1), 0, maps)
+    pixel_rows(few.numbers, _noise(ready), ready.tables, looked_up, (0, 1, 0, 1), 0, maps)
     return maps
 
 
@@ -476,8 +472,8 @@ def _mapped(light: Light, ready: Prepared, mask: Mask) -> tuple[Correspondence, 
                 own[..., : before - start, :] = own[..., start - before :, :].copy()
             before = start
             if done < high:
-                out, numbers = Maps(*block, amplitude, offset, error), (_numbers(light), _noise(ready))
-                looked_up, which = _looked_up(light, ready, done, high), (done, high, first, last)
+                out, looked_up = Maps(*block, amplitude, offset, error), _looked_up(light, ready, done, high)
+                numbers, which = (light.numbers, _noise(ready)), (done, high, first, last)
                 pixel_rows(*numbers, ready.tables, looked_up, which, done - low, out)
                 if mask is not None:
                     block.flags[done - low : high - low][~mask[done:high]] |= np.uint16(Flag.INVALID)

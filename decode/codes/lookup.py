@@ -204,10 +204,9 @@ def _matched(
         begin[:] = table.book.words.shape[1] // 2
     elif start is not None:
         begin = (np.nan_to_num(start - table.first[0]) * PER_PX).astype(np.int64).clip(0)
-    if stripes is None:
-        samples = np.ascontiguousarray(light.linear(raw[table.frames[0]]).T)
-    else:
-        samples = np.ascontiguousarray(light.linear(np.take_along_axis(raw, table.frames[at].T, axis=0)).T)
+    of = table.frames[0] if stripes is None else table.frames[at].T
+    shown = raw[of] if stripes is None else np.take_along_axis(raw, of, axis=0)
+    samples = np.ascontiguousarray(light.linear(shown).T)
     if start is not None:
         samples[np.isnan(start)] = np.nan
     numbers, camera = np.empty((count, 6)), (noise.read2, noise.gain, table.misfit2)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, inner, kernel
+from optolever.kernels import F32, HALF, I32, ONE, ZERO, inlined, inner
 
 from ..correspondence import Flag
 
@@ -199,12 +199,8 @@ def compare_row(
             error[x] = (error[x] + ONE) * likely if better else error[x] + likely
             place[x] = at[x] if better else place[x]
             least[x] = min(rival, before)
-    half, v0, v1, v = (
-        HALF * orders.tolerance * orders.tolerance,
-        phase_variance[0],
-        phase_variance[b],
-        phase_variance[last],
-    )
+    half = HALF * orders.tolerance * orders.tolerance
+    v0, v1, v = phase_variance[0], phase_variance[b], phase_variance[last]
     for x in range(place.size):
         wrong = error[x] / (ONE + error[x])
         wrong += exp_neg(half, v0[x] + r0 * r0 * v[x]) + exp_neg(half, v1[x] + r1 * r1 * v[x])
@@ -220,7 +216,7 @@ def compare_row(
             line[x] = ZERO  # the next fit multiplies them by 0: they must be finite
 
 
-@kernel
+@inner
 def _scores(
     phase: F32,
     phase_variance: F32,

@@ -95,8 +95,7 @@ class _Test(NamedTuple):
 def judged(given: Decoded) -> Verdict:
     """All tests of a capture. The first of the whole capture that fails refuses all pixels."""
     found, light, known = given.found, given.light, plan(given.sequence)
-    numbers = light.raw, light.table if len(light.table) else None, np.float32(min(light.clip, 1e9))
-    wrong, shares = contradictions(found.flags, numbers, given.noise, known, given.tables, given.moved)
+    wrong, shares = contradictions(found.flags, light.numbers, given.noise, known, given.tables, given.moved)
     ratio = _residuals(given, known)
     few, certain = few_good(found, light, given.sequence)
     rows = _whole(given, known, certain)

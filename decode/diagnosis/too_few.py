@@ -14,6 +14,7 @@ from optolever.patterns import Sequence
 
 from ..correspondence import Correspondence, Flag
 from ..frames import Light
+from ..noise import quantile
 from ..plan import plan
 
 __all__ = ["few_good", "mirror_coverage"]
@@ -51,7 +52,7 @@ def few_good(found: Correspondence, light: Light, sequence: Sequence) -> tuple[N
     bright = amplitude[inside & (amplitude > 0)]
     if not len(bright):
         return (_NOTHING if (found.flags & Flag.INVALID).all() and not found.notices else None), False
-    lit = inside & (amplitude > 0.5 * np.percentile(bright, 95))
+    lit = inside & (amplitude > 0.5 * quantile(bright, 0.95))
     flags = flags[lit]
     good = np.count_nonzero(flags == 0) / len(flags)
 

@@ -133,11 +133,8 @@ def _view(
     code: BitTable,
 ) -> _View:
     """Samples (tile, place) that are no doubt by themselves."""
-    tile, place = places
-    raw, used = (
-        light[0].reshape(len(light[0]), -1),
-        {*fringe.frames[0], *code.plain, *code.inverse, *code.ends},
-    )
+    (tile, place), raw = places, light[0].reshape(len(light[0]), -1)
+    used = {*fringe.frames[0], *code.plain, *code.inverse, *code.ends}
     few = np.zeros((len(raw), 1, len(place)), raw.dtype)
     for i in used - {-1}:
         np.take(raw[i], place, out=few[i, 0], mode="clip")  # the others buffer
