@@ -10,7 +10,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `decode_speed.py` | the decoder's speed |
 | - `peers.py` | other decoders on the same frames: fringes, OpenCV |
 | - `chart.py` | error of codes against pictures and CPU time: two rigs, three conditions |
-| - `solver_figures.py`, `solver_bound.py` | the solver's time; the bound of its errors |
+| - `solver_figures.py` | the solver's time |
 | - `ideal.py` | codes by their definitions |
 | - `batch.py` | many captures: two processes beside one |
 | - `page.py`, `chart.py` | docs/benchmarks.md and its chart |

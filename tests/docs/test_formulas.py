@@ -41,7 +41,6 @@ Test = TypeVar("Test", bound=Callable[..., None])
 HELD: list[tuple[str, str]] = []
 #: Pages that state formulas.
 ANCHOR, GEOMETRY = "docs/explanation/anchor.md", "docs/explanation/geometry.md"
-LIVE = "docs/howto/live.md"
 MONITOR, PRISM = "docs/rig/monitor.md", "docs/rig/prism.md"
 CAPTURE, SCENE, LIMITS = "docs/reference/capture.md", "docs/reference/scene.md", "docs/limits.md"
 
