@@ -6,6 +6,7 @@
 - `options`, `names`: arguments of several commands (--json, --pixels, scenes); --list
 - `outputs`: output files, checked before any work
 - `batch`, `workers`: many captures by one command; processes and clusters that run them; `warm`: for them
+- `facets`: every facet of an ensemble by one command
 - `printing`: tables, progress, JSON
 - `rig/`: `rig new`, `start`, `camera expose`, `camera sync`; devices of a rig opened, captures by them
 - one file a command, named as it: `demo`, `doctor`, `show`, `simulate`, `decode`, `explain`, `reconstruct`,

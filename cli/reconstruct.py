@@ -24,7 +24,7 @@ import optolever as ol
 from optolever import InputError
 
 from .arguments import Arg, Opt, program
-from .batch import Many
+from .facets import OfFacets
 from .options import (
     Anchor,
     Json,
@@ -77,7 +77,7 @@ _RARE = 1e-3  # share of pixels from which on a flag is printed
 _BUDGET = "Uncertainty by source; errors of the rig common to a dent and its surroundings cancel in its depth"
 
 
-@program("reconstruct", __doc__, partial(Many, captures="sources", imports=("reconstruct",)))
+@program("reconstruct", __doc__, partial(OfFacets, captures="sources", imports=("reconstruct",)))
 def command(
     sources: Annotated[tuple[Path, ...], Arg("C.npz")],
     scene_name: SceneName,
@@ -99,9 +99,10 @@ def command(
 
     H.npz receives x, y, z, sigma (mm) and flags (0 = good) on the camera's pixels. Pixels that no anchor
     reaches are flagged, not guessed. `export` writes grids and meshes. A scene ending in .h5 is a result of
-    OpenCSP's SOFAST (extra `sofast`), result.h5[,FACET] with the group's name of a facet but facet_000, or
-    SOFAST's inputs, camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a correspondence
-    decoded from that measurement.
+    OpenCSP's SOFAST (extra `sofast`), result.h5[,FACET] with the group's name of a facet but facet_000 (all:
+    each, with a table of focal lengths and slope deviations), or SOFAST's inputs,
+    camera.h5,display.h5,orientation.h5,measurement.h5[,facet.json]; for a correspondence decoded from that
+    measurement.
     """
     from optolever.pictures import read_mask
 

@@ -7,6 +7,8 @@ screen has nominal pixels, `SOFAST_SCREEN`: u = 2000 x, v = 1000 (1 - y) for fra
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from optolever.errors import InputError, damage_of, require_file
 from optolever.patterns import Frame, Sequence
 from optolever.projector import Capture
 
-__all__ = ["SOFAST_SCREEN", "Fields", "load_sofast", "load_sofast_response", "rig_fields"]
+__all__ = ["SOFAST_SCREEN", "Fields", "load_sofast", "load_sofast_response", "rig_fields", "sofast_facets"]
 
 Fields = dict[str, NDArray[Any]]
 
@@ -122,35 +124,56 @@ def _checked(name: str, array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _fields(path: str | Path, *names: str, facet: str = "") -> Fields:
-    """Fields of an HDF5 file, all of `names` among them; where a field stands twice, or has a place in every
-    facet, that of the facet. InputError names the file and the field that is missing or damaged."""
+def sofast_facets(path: str | Path) -> list[str]:
+    """Names of the facets in a result, sorted."""
+    with _reading(path) as file:
+        if not (names := sorted(_facets(file))):
+            raise InputError("no facet is in it: is it a SOFAST result?")
+        return names
+
+
+def _facets(file: Any) -> set[str]:
+    """Names of the groups of single facets."""
+    found: dict[str, Any] = {}
+    file.visititems(lambda place, item: found.update({place.rpartition("/")[2]: item}))
+    return {name for name, item in found.items() if name.startswith("facet_") and hasattr(item, "keys")}
+
+
+@contextmanager
+def _reading(path: str | Path) -> Iterator[Any]:
+    """An HDF5 file. InputError names it."""
     try:
         import h5py
     except ModuleNotFoundError as error:
         raise InputError(f"{path}: HDF5 needs h5py; pip install 'optolever[sofast]'") from error
     require_file(path)
-    found: dict[str, Any] = {}
-    facets: set[str] = set()
-
-    def visit(place: str, item: Any) -> None:
-        parts = place.split("/")
-        own = [part for part in parts if part.startswith("facet_")]
-        facets.update(own)
-        name = _OLDER.get(parts[-1], parts[-1])
-        if name in _SHAPES and (not own or facet in own) and (facet in own or name not in found):
-            found[name] = item
-
     try:
         with h5py.File(path, "r") as file:
-            file.visititems(visit)
-            if facet and facets and facet not in facets:
-                raise InputError(f"no facet {facet!r}, there are {', '.join(sorted(facets))}")
-            if missing := [name for name in names if name not in found]:
-                raise InputError(f"field {missing[0]!r} is missing")
-            require_room("its fields", sum(each.nbytes for each in found.values()))
-            return {name: _checked(name, np.asarray(dataset[()])) for name, dataset in found.items()}
+            yield file
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (OSError, KeyError, RuntimeError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: not a readable HDF5 file ({damage_of(error)})") from error
+
+
+def _fields(path: str | Path, *names: str, facet: str = "") -> Fields:
+    """Fields of an HDF5 file, all of `names` among them; where a field stands twice, or has a place in every
+    facet, that of the facet. InputError names the file and the field that is missing or damaged."""
+    found: dict[str, Any] = {}
+
+    def visit(place: str, item: Any) -> None:
+        parts = place.split("/")
+        own = [part for part in parts if part.startswith("facet_")]
+        name = _OLDER.get(parts[-1], parts[-1])
+        if name in _SHAPES and (not own or facet in own) and (facet in own or name not in found):
+            found[name] = item
+
+    with _reading(path) as file:
+        file.visititems(visit)
+        facets = _facets(file)
+        if facet and facets and facet not in facets:
+            raise InputError(f"no facet {facet!r}, there are {', '.join(sorted(facets))}")
+        if missing := [name for name in names if name not in found]:
+            raise InputError(f"field {missing[0]!r} is missing")
+        require_room("its fields", sum(each.nbytes for each in found.values()))
+        return {name: _checked(name, np.asarray(dataset[()])) for name, dataset in found.items()}

@@ -3,6 +3,7 @@
 Its slopes rest on a fitted paraboloid; the free-form solve here finds height from the screen points alone.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from optolever.cli import run
 from optolever.decode import Correspondence
 from optolever.formats import SofastRig, load_sofast_rig, on_rig
+from optolever.metrology import fit_form
 from optolever.reconstruct import HeightMap, SlopeMap, reconstruct
 
 h5py = pytest.importorskip("h5py", reason="h5py is absent: pip install 'optolever[sofast]'")
@@ -87,6 +89,25 @@ def test_heights_by_the_command_line(real: Path, rig: SofastRig, screen_file: Pa
     sigma = np.median(np.stack([found.sigma_x, found.sigma_y])[:, use], axis=1)
     assert 1 < np.max(sigma / np.sqrt(np.mean(error**2, axis=1))) < 25
     assert run([*args, "--pixels", "64x64"]) == 2
+
+
+def test_every_facet_of_an_ensemble(real: Path, screen_file: Path, tmp_path: Path) -> None:
+    """The facet twice: a table, slopes and a picture of each."""
+    result = tmp_path / "ensemble.h5"
+    with h5py.File(real / "sofast_facet/data_expected_facet.h5") as file, h5py.File(result, "w") as both:
+        for group in file:
+            file.copy(group, both)
+        for group in ("DataSofastCalculation/facet", "DataSofastInput/optic_definition"):
+            file.copy(f"{group}/facet_000", both[group], "facet_001")
+    args = ["reconstruct", str(screen_file), "--out", str(tmp_path / "h.npz")]
+    numbers = tmp_path / "n.json"
+    assert run([*args, "--scene", f"{result},all", "--json", str(numbers)]) == 0
+    found = json.loads(numbers.read_text())
+    assert list(found) == ["facet_000", "facet_001"]
+    fit = fit_form(HeightMap.load(tmp_path / "h_facet_001.npz"), "paraboloid")
+    assert found["facet_001"]["focal_mm"][0] == pytest.approx(fit.numbers.to_dict()["focal"]["value"])
+    assert found["facet_001"]["slope_y"][0] == pytest.approx(fit.slope_rms[1], rel=0.01)
+    assert (tmp_path / "h_facet_001_slopes.png").stat().st_size > 10_000
 
 
 def test_the_facet_from_inputs_alone(
