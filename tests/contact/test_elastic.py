@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.ndimage
 
-from optolever.contact import Surface, elastic_fits, regions
+from optolever.contact import Surface, elastic_fits, far_field, regions
 from optolever.scene import Layer
 
 from .test_contact import X, Y, ball, base, surface
@@ -63,3 +63,9 @@ def test_the_thickness_of_a_layer_is_found(thickness: float) -> None:
         assert abs(found.values[4] - 4 / 3 * 4 * 0.1) < 4 * found.sigmas[4]
         if layer.thickness_mm is None:
             assert found.thickness == pytest.approx(thickness, rel=0.1)
+
+
+def test_a_contact_that_leaves_no_cell_outside_has_an_empty_far_field() -> None:
+    """As of a frame in which a dent hides the mirror: four fields of no place."""
+    nowhere = np.empty(0)
+    assert far_field(None, [(10.0, 10.0, 5.0)], nowhere, nowhere).shape == (4, 0)
