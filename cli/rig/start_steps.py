@@ -297,7 +297,7 @@ def rest(begun: Begun, front: Interviewer) -> None:
         front.say(str(notice))
     if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
-    if not begun.answers.get("calibrated"):
+    if not (begun.answers.get("calibrated") or begun.simulated):
         front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
         scene = _adjusted(begun, front, found)
     height = ol.reconstruct.reconstruct(found, scene, anchor="middle")
