@@ -27,11 +27,11 @@ from .acquisition import (
     synchronise,
 )
 from .recording import BackgroundRecorder, Logged, Recorder, Recording
-from .rig_devices import Devices, Opened, devices_of, opened, timing_of
+from .rig_devices import VIRTUAL, Devices, Opened, devices_of, opened, timing_of, virtual_scene
 
 __all__ = [
-    "SAFE_WAIT_S", "Aim", "Arrivals", "BackgroundRecorder", "ClockMap", "Contrast", "Devices", "FlipRecord",
-    "Logged", "Opened", "Recorder", "Recording", "Stamp", "Taken", "Timing", "acquire", "aim",
-    "choose_exposure", "contrast", "devices_of", "fit_timing", "opened", "sync_notices", "synchronise",
-    "timing_of",
+    "SAFE_WAIT_S", "VIRTUAL", "Aim", "Arrivals", "BackgroundRecorder", "ClockMap", "Contrast", "Devices",
+    "FlipRecord", "Logged", "Opened", "Recorder", "Recording", "Stamp", "Taken", "Timing", "acquire",
+    "aim", "choose_exposure", "contrast", "devices_of", "fit_timing", "opened", "sync_notices",
+    "synchronise", "timing_of", "virtual_scene",
 ]  # fmt: skip

@@ -28,7 +28,10 @@ from optolever.schema import from_table
 from .acquisition import Arrivals, ClockMap, Taken, Timing, acquire
 from .cameras import Replay, StillCamera, open_camera
 
-__all__ = ["Devices", "Opened", "devices_of", "opened", "timing_of"]
+__all__ = ["VIRTUAL", "Devices", "Opened", "devices_of", "opened", "timing_of", "virtual_scene"]
+
+#: Suffix of the rig before a virtual camera.
+VIRTUAL = ".virtual.toml"
 
 
 @dataclass(frozen=True)
@@ -185,10 +188,17 @@ def _require_colours(accepted: Accepted, camera: Camera, shown: Sequence) -> Non
         raise InputError(f"camera: {camera.identity.address} {wrong}; raw, or grey patterns")
 
 
+def virtual_scene(rig: Path) -> Scene:
+    """The rig before a virtual camera: RIG.virtual.toml beside rig.toml, which no fit changes, with the dent
+    of rig.toml; else rig.toml."""
+    scene, own = load(rig), rig.with_suffix(VIRTUAL)
+    return replace(load(own), dent=scene.dent) if own.exists() else scene
+
+
 def _camera(rig: Path, devices: Devices, shown: Sequence) -> Camera:
     if devices.camera != "virtual":
         return open_camera(devices.camera)
-    scene = load(rig)
+    scene = virtual_scene(rig)
     take = capture if shown.packing is None else capture_colour
     seen = take(scene, dent_from_text(scene.dent or "flat", scene), shown)
     return StillCamera(seen, Identity("virtual", "virtual sensor", "", "virtual"))

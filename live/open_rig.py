@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from optolever.camera import Devices, Opened, Timing, devices_of, opened
+from optolever.camera import Devices, Opened, Timing, devices_of, opened, virtual_scene
 from optolever.camera.cameras import Replay
 from optolever.decode import decode
 from optolever.errors import InputError
@@ -125,7 +125,7 @@ def _at_rest(
                 known = stated(known, scene)
                 why = _look(known, now, now.wait(rig))
             if not why:
-                yield Readings(known, now, map(_said, now.notices), _finger(scene, devices, fringe))
+                yield Readings(known, now, map(_said, now.notices), _finger(rig, devices, fringe))
                 return
         if given:
             raise InputError(f"{name}: no longer holds ({why}); measure the mirror at rest anew")
@@ -140,12 +140,12 @@ def _at_rest(
         if why:
             cure = "it was measured anew, with everything still"
             notices.append(replace(_said(f"{name} no longer holds: {why}"), cure=cure))
-        yield Readings(prepared, now, notices, _finger(scene, devices, fringe))
+        yield Readings(prepared, now, notices, _finger(rig, devices, fringe))
 
 
-def _finger(scene: Scene, devices: Devices, fringe: Sequence) -> VirtualFinger | None:
+def _finger(rig: Path, devices: Devices, fringe: Sequence) -> VirtualFinger | None:
     """On the mirror of a virtual camera, whose scene has no dent of its own."""
-    if devices.camera != "virtual" or scene.dent is not None:
+    if devices.camera != "virtual" or (scene := virtual_scene(rig)).dent is not None:
         return None
     return VirtualFinger(scene, fringe, rate=devices.fps or _RATE)
 

@@ -175,6 +175,8 @@ def view(begun: Begun, front: Interviewer) -> None:
             scene = ol.scene.load(temporary)
         with ol.files.atomic_file(begun.rig.with_suffix(".png")) as temporary:
             draw_rig(scene, temporary)
+        if begun.simulated:
+            scene.save(begun.rig.with_suffix(ol.camera.VIRTUAL))
     begun.write(calibrated=False)
     share = visible_share(scene)
     if typed.focal_accuracy == VIEW_60:
@@ -297,7 +299,7 @@ def rest(begun: Begun, front: Interviewer) -> None:
         front.say(str(notice))
     if fault := ol.calibration.rest_fault(found, scene):
         raise InputError(fault)
-    if not (begun.answers.get("calibrated") or begun.simulated):
+    if not begun.answers.get("calibrated"):
         front.busy("taking the errors of the numbers off, as far as the mirror at rest says them")
         scene = _adjusted(begun, front, found)
     height = ol.reconstruct.reconstruct(found, scene, anchor="middle")
