@@ -7,7 +7,6 @@ from typing import Any
 import optolever as ol
 from optolever import InputError
 from optolever.quantities import by_parts
-from optolever.records import plot_maps
 
 from .batch import Many
 from .printing import grid, write_json
@@ -46,6 +45,8 @@ def _deviation(height: Path, slopes: Path) -> dict[str, tuple[float, ...]]:
     """Of a facet's paraboloid: value and sigma by noise and rig of its focal length (mm) and of the slopes
     beside it (rad); these are drawn beside the map of slopes."""
     from matplotlib.figure import Figure
+
+    from optolever.records import plot_maps
 
     given = ol.reconstruct.HeightMap.load(height), "paraboloid", ol.reconstruct.SlopeMap.load(slopes)
     fit = ol.metrology.fit_form(*given)

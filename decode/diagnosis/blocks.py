@@ -64,7 +64,7 @@ def blocks_of(frames: NDArray[Any], mask: Mask | None) -> I64 | None:
     """First pixels (B, 2) of lit blocks; for every frame two with an edge of it, the rarest edges first."""
     half, step, rng = _SIDE // 2, _SIDE // 2 - 1, np.random.default_rng(0)
     stride = max(4, int((frames[0].size / _PLACES) ** 0.5))
-    inside = tuple(slice(half, extent - half, stride) for extent in frames.shape[1:])
+    inside = tuple(slice(half, extent - half + 1, stride) for extent in frames.shape[1:])
     if 0 in frames[0][inside].shape:
         return None
     low, high = (_corners(way, frames, half - step, 2 * step, stride) for way in (np.minimum, np.maximum))
