@@ -31,7 +31,7 @@ __all__ = ["Decoded", "Verdict", "judged"]
 Mask = NDArray[np.bool_]
 #: Fewest pixels of a figure; amplitude of bright ones over the 0.9 quantile; condition of harmonics from
 #: which on the phases fill no turn; upper quartiles beyond which a deviation is of a part of the image.
-_FEWEST, _BRIGHT, _TURN, _PART = 100, 0.3, 10.0, 6.0
+_FEWEST, _BRIGHT, _TURN, _PART = 100, 0.3, 10.0, 10.0
 #: Fewest pixels at an edge; bits that are too fine.
 _PAIRS, _FINE = 20, 2
 #: Side of a patch, pixels; patches along an axis, and share of rough pixels above which there are more.
