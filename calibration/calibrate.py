@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from optolever import schema as arguments
+from optolever import schema
 from optolever.arrays import Floats
 from optolever.errors import InputError
 from optolever.notices import Notice
@@ -132,7 +132,7 @@ class Calibration:
         }
 
 
-@arguments.checked(scene=Scene, observations=[Observation])
+@schema.checked(scene=Scene, observations=[Observation])
 def calibrate(
     scene: Scene,
     observations: Sequence[Observation],

@@ -10,11 +10,6 @@ from .sofast_files import SOFAST_SCREEN, load_sofast, load_sofast_response, sofa
 from .sofast_rig import SofastRig, load_sofast_rig, on_rig
 
 __all__ = [
-    "SOFAST_SCREEN",
-    "SofastRig",
-    "load_sofast",
-    "load_sofast_response",
-    "load_sofast_rig",
-    "on_rig",
+    "SOFAST_SCREEN", "SofastRig", "load_sofast", "load_sofast_response", "load_sofast_rig", "on_rig",
     "sofast_facets",
-]
+]  # fmt: skip

@@ -99,7 +99,7 @@ def _compiled(function: Callable[..., T], **options: Any) -> Callable[..., T]:
 @lru_cache(maxsize=1)
 def _uncollected() -> None:
     """No garbage collection while a kernel is compiled or loaded: it takes a seventh of that time, and finds
-    nothing."""
+    nothing. By the Event API of Numba's manual."""
     from numba.core import event
 
     before = list[bool]()  # of a lock in a lock, and of other threads

@@ -80,8 +80,9 @@ def test_a_press_against_another_one_holds_on_wrong_rigs() -> None:
         scene = typed if seed < 6 else replace(typed, covariance=own, accuracy=None)
         found.append(error_over_sigma(scene, drawn.changed(typed, change), seed))
     assert 0.3 < np.sqrt(np.mean(np.square(found))) < 1.2, found
-    assert max(found) < 1.5, found
-    assert error_over_sigma(SCENE, SCENE, 7) < 1.2
+    assert 0.2 < min(found) <= max(found) < 1.5, found
+    exact = [error_over_sigma(SCENE, SCENE, seed) for seed in range(7, 13)]
+    assert 0.75 < np.sqrt(np.mean(np.square(exact))) < 1.2, exact
 
 
 @pytest.mark.parametrize("against_rest", [False, True])
