@@ -13,6 +13,7 @@ determines only their product.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -306,7 +307,9 @@ def store_response(rig: str | Path, found: RigResponse) -> Path:
     """Write the response into the folder of the rig's TOML, and its name into the TOML; the .npz's path."""
     beside = Path(rig).with_suffix(".response.npz")
     gamma, misfit = found.gamma
-    section = {"file": beside.name, "gamma": gamma, "misfit": misfit, "blur_px": found.response.blur}
+    section = {"file": beside.name, "gamma": gamma, "misfit": misfit}
+    if found.response.blur is not None and math.isfinite(found.response.blur):
+        section["blur_px"] = found.response.blur
     maps = {name: getattr(found, name) for name in ("gain", "vignetting", "backlight")}
     numbers = {name: getattr(found, name) for name in ("black", "blur_sigma", "parted_sigma")}
     curve = {name: getattr(found.response, name) for name in ("shown", "seen", "blur")}

@@ -178,6 +178,8 @@ def test_kept_with_the_rig(found: RigResponse, tmp_path: Path) -> None:
     path.write_bytes(b"no")
     with pytest.raises(InputError, match=path.name):
         load_response(file)
+    store_response(file, measured("gamma 2.2", 0.5, 0))  # a ramp alone has no blur
+    assert "nan" not in file.read_text()
 
 
 def test_bad_input() -> None:
