@@ -19,7 +19,7 @@ from optolever.calibration import (
     predicted_budget,
     sigma_at_rest,
 )
-from optolever.quantities import quantity
+from optolever.quantities import quantity, two_digits
 from optolever.reconstruct import HeightMap
 from optolever.samples import rms
 from optolever.scene import Scene
@@ -99,7 +99,7 @@ def _parameter_table(parameters: Sequence[Mapping[str, Any]]) -> Table:
         off = abs(each["value"] - each["prior"]) / each["prior_sigma"]
         pairs = ("value", "sigma"), ("prior", "prior_sigma")
         cells = [quantity(each[value], "", each[sigma]) for value, sigma in pairs]
-        rows.append([each["name"], *cells, f"{off:.2f}", f"{gain:.2g}"])
+        rows.append([each["name"], *cells, f"{off:.2f}", two_digits(gain)])
         kinds.append("beyond" if off > MOST_OFF else "soft" if gain < LEAST_GAIN else "")
     return Table("numbers-table", heads, rows, kinds=kinds)
 
