@@ -7,8 +7,7 @@ It may import every module of `optolever`; tests alone import it.
 | `program.py`, `commands/` | the program; one file a command, named as it |
 | `figures/` | figures beside their limits |
 | - `figures.py` | run_figures: the demo and its error bars |
-| - `decode_speed.py` | the decoder's speed |
-| - `peers.py` | other decoders on the same frames: fringes, OpenCV |
+| - `decode_speed.py` | the decoder's speed, OpenCV's on the same frames |
 | - `chart.py` | error of codes against pictures and CPU time: two rigs, three conditions |
 | - `solver_figures.py` | the solver's time |
 | - `ideal.py` | codes by their definitions |
@@ -29,9 +28,9 @@ It may import every module of `optolever`; tests alone import it.
 | `live/` | heights of single frames |
 | - `colour.py` | u in red and v in blue beside the crossed fringe |
 | - `world.py` | an independent renderer of dents |
-| - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma beside limits |
+| - `streams.py`, `figures.py` | eleven kinds of streams, faults; time, error and sigma |
 | `judgements/` | false alarms and misses of every test |
 | - `record.py` | a row, and tables of rows |
 | - `decode.py`, `captures.py`, `faults.py` | drawn captures; their faults, which tests name them |
-| - `heights.py`, `live.py` | captures of right and wrong rigs, which tests name them |
+| - `heights.py` | captures of right and wrong rigs, which tests name them |
 """

@@ -1,6 +1,6 @@
 """What a calibration is worth, by simulation: `python -m lab calibration`.
 
-Truth is traced or rendered by the scene, never by the adjustment's model. An error of calibration moves a
+Truth is traced by the scene, never by the adjustment's model. An error of calibration moves a
 whole height map at once, so that a map is one sample: chi2/r of the r coefficients of its modes.
 The truth is moved to the frame in which the gauge leaves the heights (`rigs.frame_change`).
 Modes are counted from a tenth of the mirror's length on: at the edge that it shares with a prism's pattern,
@@ -17,10 +17,7 @@ from numpy.typing import NDArray
 
 from optolever.arrays import Floats
 from optolever.calibration import calibrate, default_priors
-from optolever.decode import Correspondence, decode
 from optolever.errors import InputError
-from optolever.patterns import sequence
-from optolever.projector import capture as render
 from optolever.reconstruct import HeightMap, PixelAnchor, reconstruct
 from optolever.records import LOG
 from optolever.scene import Covariance, Scene, Surface, trace
@@ -32,8 +29,7 @@ __all__ = ["SETUPS", "Figure", "figures", "mode_chi2"]
 
 _EDGE = 0.1  # of the mirror's length: where noise figures hold from (reconstruct's)
 _SHARE = 0.999  # of the modes' variance: how many are counted
-# Columns of the images, traced and rendered: a ball's contact must hold enough pixels.
-_COLUMNS = {"air": (100, 480), "balls": (200, 400), "rest": (100, 400)}
+_COLUMNS = {"air": 100, "balls": 200, "rest": 100}  # a ball's contact must hold enough pixels
 _FLATNESS = 1e-3  # mm, of the reference: `Flat`'s own
 _NOISE = {"air": 0.0016, "prism": 0.005}  # of the thinned pattern's cells: 0.02 of the display's
 
@@ -80,12 +76,12 @@ def mode_chi2(error: Floats, modes: NDArray[np.floating[Any]]) -> tuple[float, i
     return float(np.mean(coefficients**2)), count
 
 
-def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure]:
+def figures(setup: str, seeds: range) -> Iterator[Figure]:
     """One draw per seed: a rig with its own errors, captures, calibration, and a dent measured with it; none
     where no height is left unflagged, or the captures are refused."""
     for seed in seeds:
         try:
-            figure = _figure(setup, seed, rendered)
+            figure = _figure(setup, seed)
         except InputError as error:
             LOG.warning("%s, seed %d: %s", setup, seed, error)
             continue
@@ -93,13 +89,11 @@ def figures(setup: str, seeds: range, rendered: bool = False) -> Iterator[Figure
             yield figure
 
 
-def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
+def _figure(setup: str, seed: int) -> Figure | None:
     kind, count, pinhole = SETUPS[setup]
     rng = np.random.default_rng([seed, list(SETUPS).index(setup)])
-    take = (
-        _rendering(seed) if rendered else correspondence_of(_NOISE["air" if kind == "air" else "prism"], rng)
-    )
-    size = _COLUMNS["air" if kind == "air" else "balls" if count else "rest"][rendered]
+    take = correspondence_of(_NOISE["air" if kind == "air" else "prism"], rng)
+    size = _COLUMNS["air" if kind == "air" else "balls" if count else "rest"]
     if kind == "air":
         rig = open_air(rng, count, take, size=size, flatness=_FLATNESS)
     else:
@@ -112,8 +106,7 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
         found = calibrate(rig.given, rig.observations)
         scene, start, chi = found.scene, found.start, found.adjustment.chi
     seconds = time.process_time() - started
-    if not rendered:  # what noise does to the measured map is reconstruct's to tell
-        take = correspondence_of(1e-4, rng)
+    take = correspondence_of(1e-4, rng)  # what noise does to the measured map is reconstruct's to tell
     frame = frame_change(rig, start)
     (height, z), (rest, z0) = (
         _measured(rig, scene, frame, surface, take, 100 + k) for k, surface in enumerate((rig.dent, rig.rest))
@@ -145,17 +138,6 @@ def _figure(setup: str, seed: int, rendered: bool) -> Figure | None:
 
 def _rms(values: NDArray[np.floating[Any]]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _rendering(seed: int) -> Capturer:
-    """Captures as frames of a virtual sensor with a noise of one level, decoded."""
-
-    def take(scene: Scene, surface: Surface, index: int) -> Correspondence:
-        shown = sequence("gray+phase", scene.pattern.rows, scene.pattern.cols)
-        taken = render(scene, surface, shown, noise=1.0, seed=1000 * seed + index)
-        return decode(taken.frames, taken.sequence)
-
-    return take
 
 
 def _measured(

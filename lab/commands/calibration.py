@@ -28,7 +28,6 @@ HEADS = (
 def command(
     draws: Annotated[int, Opt("--draws N", "Rigs of each set-up.", click.IntRange(1))] = 12,
     setups: Annotated[tuple[str, ...], Opt("--setup NAME", "One of the set-ups; default: all.")] = (),
-    rendered: Annotated[bool, Opt("--rendered", "Rendered frames, noise of one level.")] = False,
     seed: Seed = 0,
     json_path: Json = None,
 ) -> None:
@@ -52,7 +51,7 @@ def command(
     with progress() as step:
         for name in setups or tuple(SETUPS):
             drawn: list[Figure] = []
-            for each in figures(name, range(seed, seed + draws), rendered):
+            for each in figures(name, range(seed, seed + draws)):
                 step(name, len(drawn), draws)
                 drawn.append(each)
             found += drawn

@@ -27,8 +27,8 @@ __all__ = ["command"]
 def command(
     seeds: Annotated[int, Opt("--seeds N", "Captures of every kind.", click.IntRange(1))] = 3,
     part: Annotated[
-        Literal["decode", "heights", "live", "all"],
-        Opt("--part decode|heights|live|all", "One part, or all."),
+        Literal["decode", "heights", "all"],
+        Opt("--part decode|heights|all", "One part, or all."),
     ] = "all",
     page: Annotated[bool, Opt("--page", "Write the tables into docs/benchmarks.md, too.")] = False,
     json_path: Json = None,
@@ -39,12 +39,10 @@ def command(
     result is wrong.
     """
     from ..figures.house import ROOT
-    from ..judgements import decode, heights, live
+    from ..judgements import decode, heights
     from ..judgements.record import FALSE_HEADS, MISSED_HEADS, Row, false_alarms, misses, with_section
 
-    parts: dict[str, Callable[[int], list[Row]]] = {
-        "decode": decode.rows, "heights": heights.rows, "live": live.rows,
-    }  # fmt: skip
+    parts: dict[str, Callable[[int], list[Row]]] = {"decode": decode.rows, "heights": heights.rows}
     with progress() as step:
         step(f"part {part}")
         chosen = parts.values() if part == "all" else [parts[part]]

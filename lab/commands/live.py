@@ -1,15 +1,14 @@
-"""`python -m lab live`: heights of single frames, their time and error beside their limits.
+"""`python -m lab live`: streams of single frames of all kinds, a vibration, a fringe in colour.
 
-$ python -m lab live
-Live: 480 x 640, two float32 cosine transforms 1.983 ms
-case     cell  ms     x transforms  error/depth       error/sigma  beyond 5 sigma  trusted
-smooth   2     36.82  18.4 (14)     0.0016 (0.0002)   1.49         0               1
-smooth   4     20.73  10.2 (8)      0.0019 (0.0002)   1.51         0               1
-contact  2     46.49  21.6 (30)     0.00068 (0.001)   0.636        1e-05           1
-contact  4     19.68  9.69 (15)     0.031 (0.001)     0.767        0.00085         0.8
+$ python -m lab live --streams 12 --pixels 160x120
+Streams
+kind          frames  trusted  noticed  wrong  silent  contacts  off  ratio
+smooth press  12      12       1        0      0       10        0    1.04
+...
 """
 
 from dataclasses import asdict
+from functools import partial
 from typing import Annotated
 
 import click
@@ -24,9 +23,7 @@ __all__ = ["command"]
 @program("live", __doc__)
 def command(
     size: Annotated[tuple[int, int], pixels("Size of the camera.")] = (480, 640),
-    streams: Annotated[
-        int, Opt("--streams FRAMES", "Only streams of all kinds, of so many frames each.", click.IntRange(0))
-    ] = 0,
+    streams: Annotated[int, Opt("--streams FRAMES", "Frames of every stream.", click.IntRange(1))] = 36,
     vibration: Annotated[bool, Opt("--vibration", "Only a surface that vibrates: 12 s at 60 Hz.")] = False,
     colour: Annotated[
         bool, Opt("--colour", "Only u in red and v in blue beside the crossed fringe.")
@@ -34,44 +31,17 @@ def command(
     seed: Seed = 1,
     json_path: Json = None,
 ) -> None:
-    """Follow dents and contacts of an independent renderer on prism48, noise of 1.5 levels.
+    """Follow dents and contacts of an independent renderer on prism48.
 
-    Time is that of one core beside two float32 cosine transforms of the same size in the same process; set
-    OPTOLEVER_THREADS=1. Streams have 30 electrons a level: wrong are trusted frames
-    with more than 0.1 % of the heights beyond five sigma, silent the ones without a notice; off are contacts
-    whose depth is beyond five sigma."""
-    from ..live.figures import live_rows, transforms_ms
-
-    if streams:
-        write_json(json_path, _streams(size, streams, seed))
-        return
-    if vibration:
-        write_json(json_path, _vibration(size, seed))
-        return
-    if colour:
-        write_json(json_path, _colour(size, seed))
-        return
-    rows = []
-    with progress() as step:
-        step("rest")
-        for row in live_rows(size, (2, 4), seed):
-            rows.append(row)
-            step(f"{row.case}, cells of {row.cell}")
-    header = ("case", "cell", "ms", "x transforms", "error/depth", "error/sigma", "beyond 5 sigma", "trusted")
-    lines = [
-        [
-            row.case, str(row.cell), number(row.ms), f"{row.ratio:.3g} ({row.ratio_limit:g})",
-            f"{row.error:.2g} ({row.error_limit:g})", f"{row.sigma_ratio:.3g}", f"{row.beyond:.2g}",
-            f"{row.trusted:.3g}",
-        ]
-        for row in rows
-    ]  # fmt: skip
-    ours = number(transforms_ms(*size), "ms")
-    grid(f"Live: {size[0]} x {size[1]}, two float32 cosine transforms {ours}", header, lines)
-    write_json(json_path, {"rows": [asdict(row) for row in rows]})
+    Streams have 30 electrons a level: wrong are trusted frames with more than 0.1 % of the heights beyond
+    five sigma, silent the ones without a notice; off are contacts whose depth is beyond five sigma.
+    `figures --page live` measures time and errors.
+    """
+    measure = _vibration if vibration else _colour if colour else partial(_streams, frames=streams)
+    write_json(json_path, measure(size, seed))
 
 
-def _streams(size: tuple[int, int], frames: int, seed: int) -> dict[str, object]:
+def _streams(size: tuple[int, int], seed: int, frames: int) -> dict[str, object]:
     import numpy as np
 
     from optolever.scene import load, resize

@@ -24,7 +24,6 @@ NAMES = ("latency", "rise", "fall", "shutter")
 def command(
     frames: Annotated[int, Opt("--frames N", "In all.", click.IntRange(20))] = 100_000,
     seed: Seed = 0,
-    defaults: Annotated[bool, Opt("--defaults", "Capture without [sync].")] = False,
     json_path: Json = None,
 ) -> None:
     """Draw 20 displays, shutters, queues and losses; measure them; take images.
@@ -35,11 +34,11 @@ def command(
     """
     from ..hardware.synchronisation import run_sync
 
-    figures = run_sync(frames, seed, known=not defaults)
+    figures = run_sync(frames, seed)
     rows = [
         [
             str(k),
-            *(f"{1e3 * one.errors[name]:.2f}" if one.errors else "-" for name in NAMES),
+            *(f"{1e3 * one.errors[name]:.2f}" for name in NAMES),
             "yes" if one.recovered else "no",
             *map(str, (one.frames, one.wrong, one.mixed, one.incomplete)),
             f"{one.ratio:.3f}",

@@ -1,17 +1,17 @@
-"""The decoder's speed beside what memory allows and beside other decoders, on the same frames in one run.
+"""The decoder's speed beside what memory allows and beside OpenCV's, on the same frames in one run.
 
 The floor is a kernel of the same shape that reads every frame and writes as many bytes as decode, into
 memory that the process has already.
-Frames for others are those of an ideal surface and camera: a smooth map, noise, rounding.
+Frames for OpenCV are those of an ideal surface and camera: a smooth map, noise, rounding.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from importlib.util import find_spec
 from typing import Any
 from unittest import mock
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,29 +21,22 @@ from optolever.decode import Decoder, decode, estimate_profile
 from optolever.kernels import kernel
 from optolever.patterns import Frame, Sequence, sequence
 from optolever.projector import Footprints, light_of
-from optolever.records import Progress, silent
 from optolever.samples.metrics import rms
 from optolever.timing import timed
 
-from .figures import Figure, Parts, measured_parts
+from .figures import Figure
 from .ideal import camera_frames
-from .peers import axis_by_axis, cv2_coder, cv2_decode, cv2_places, fringes_coder
 
-SIZE = (1080, 1920)
+SMALL, LARGE = (480, 640), (1080, 1920)
+SPEED_CODES = ("gray+phase", "phase", "gray")
+MOST = {SMALL: 8.0, LARGE: 5.5}  # floors with a profile
 TURNS = 12  # of calls that are compared, after one that warms up
-#: Frames for others, levels.
+#: Frames for OpenCV, levels.
 OFFSET, AMPLITUDE, NOISE = 110.0, 95.0, 1.5
-PERIODS, STEPS = (2160.0, 48.0), 4
 #: Frames of every code, levels.
 DARK, BRIGHT = 20.0, 220.0
 BLUR = 0.5  # cells, rms, between display and camera
 _PLACES = 128  # per cell, at which a pixel may look
-PARTS = ("profiles", "fringes", "gray")
-#: Codes, and floors at most with a profile, of images of a megapixel or more and of smaller ones.
-SPEED_CODES = {
-    **dict.fromkeys(("gray+phase", "phase", "gray"), (5.5, 8.0)),
-    "micro-phase": (43.0, 43.0),
-}
 
 
 def smooth_map(size: tuple[int, int]) -> tuple[Floats, Floats]:
@@ -82,17 +75,12 @@ def _line(shown: Sequence, axis: int, width: float) -> Footprints:
     return Footprints(at[axis], at[1 - axis], np.ones(place.size), boxes[axis], boxes[1 - axis])
 
 
-def run_decode_figures(
-    *, size: tuple[int, int] = SIZE, parts: tuple[str, ...] = PARTS, progress: Progress = silent
-) -> list[Figure]:
-    """Everything on frames of `size` (rows, cols), the surface's size too; peers that are missing say so.
-
-    parts: of PARTS; "fringes" compiles for long.
-    """
-    every: Parts = dict(
-        zip(PARTS, (partial(part, size) for part in (profile_figures, _fringes, _gray)), strict=True)
-    )
-    return measured_parts({name: every[name] for name in parts}, progress)
+def decode_figures() -> Iterator[Figure]:
+    """Codes of small frames and one of large ones, and OpenCV on the small."""
+    for text in SPEED_CODES:
+        yield from _of_code(text, SMALL)
+    yield from _of_code("gray+phase", LARGE)
+    yield from _cv2(SMALL)
 
 
 def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[Floats, Floats]]:
@@ -101,24 +89,20 @@ def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[
     return camera_frames(shown, truth, (OFFSET, AMPLITUDE), NOISE, np.random.default_rng(0)), truth
 
 
-def profile_figures(size: tuple[int, int], most: int = len(SPEED_CODES)) -> Iterator[Figure]:
-    """At most so many codes by a profile of the rig that another capture told, and without one: processor
-    time, minima in one run with the floor's."""
-    for text, (large, small) in [*SPEED_CODES.items()][:most]:
-        shown = sequence(text, *size)
-        frames = speed_frames(shown, size)
-        decoder = Decoder(shown, estimate_profile(frames, shown))
-        calls = {"with a profile": partial(decoder.decode, frames), "without": partial(decode, frames, shown)}
-        floor, bare, *times = _minima(toucher(frames), partial(_untested, decoder, frames), *calls.values())
-        high = large if size[0] * size[1] >= 1 << 20 else small
-        for name, limit, seconds in zip(calls, (high, None), times, strict=True):
-            note = f"{1e3 * seconds:.1f} ms, {len(shown)} frames"
-            what = f"{text}, {size[1]} x {size[0]}, {name}"
-            yield Figure(what, seconds / floor, "floors", high=limit, note=note)
-        note = f"{1e3 * (times[0] - bare):.1f} ms, with a profile"
-        yield Figure(
-            f"{text}, {size[1]} x {size[0]}, tests over the rest", times[0] / bare - 1, high=0.2, note=note
-        )
+def _of_code(text: str, size: tuple[int, int]) -> Iterator[Figure]:
+    """By a profile of the rig that another capture told, and without one: processor time, minima in one run
+    with the floor's."""
+    shown = sequence(text, *size)
+    frames = speed_frames(shown, size)
+    decoder = Decoder(shown, estimate_profile(frames, shown))
+    calls = {"with a profile": partial(decoder.decode, frames), "without": partial(decode, frames, shown)}
+    floor, bare, *times = _minima(toucher(frames), partial(_untested, decoder, frames), *calls.values())
+    name = f"{text}, {size[1]} x {size[0]}"
+    for (what, seconds), limit in zip(zip(calls, times, strict=True), (MOST[size], None), strict=True):
+        note = f"{1e3 * seconds:.1f} ms, {len(shown)} frames"
+        yield Figure(f"{name}, {what}", seconds / floor, "floors", high=limit, note=note)
+    note = f"{1e3 * (times[0] - bare):.1f} ms, with a profile"
+    yield Figure(f"{name}, tests over the rest", times[0] / bare - 1, high=0.2, note=note)
 
 
 def _untested(decoder: Decoder, frames: NDArray[np.uint8]) -> None:
@@ -174,50 +158,29 @@ def _error(
     return Figure(f"{name}, rms error", rms(distance), "px", note=note)
 
 
-def _fringes(size: tuple[int, int]) -> Iterator[Figure]:
-    """Two periods of four steps on both axes, beside decode, which gives u, v, their sigmas, flags,
-    amplitude, offset and order error in one go; of ideal cosines, which is all that `fringes` knows.
-    """
-    if find_spec("fringes") is None:  # extra bench
-        return
-    shown = axis_by_axis(sequence("phase", *size, periods=PERIODS, steps=STEPS))
-    frames, truth = _shoot(shown, size)
-    name = f"{len(shown)} phase frames"
-    found = decode(frames, shown, on_cells=False)
-    yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
-    coder, stack = fringes_coder(shown), frames[..., None]
-    for label, verbose, more in (
-        ("fringes", False, "no sigma, no flags"),
-        ("fringes verbose", True, "uncertainty (of rounding only), residual, no flags"),
-    ):
-        ours, theirs = _minima(
-            partial(decode, frames, shown, on_cells=False), partial(coder.decode, stack, verbose=verbose)
-        )
-        yield Figure(f"{name}, {label}", 1e3 * theirs, "ms", note=f"u, v, amplitudes, offsets; {more}")
-        yield Figure(f"{name}, {label} over optolever", theirs / ours, low=30)
-    x = np.asarray(coder.decode(stack).x, np.float64)[..., 0]
-    yield _error(f"{name}, fringes", x[0], x[1], truth, np.asarray(np.isfinite(x).all(axis=0)))
-
-
-def _gray(size: tuple[int, int]) -> Iterator[Figure]:
-    """Gray bits of both axes, each with its inverse."""
+def _cv2(size: tuple[int, int]) -> Iterator[Figure]:
+    """Gray bits of both axes, each with its inverse, u before v as OpenCV has them: it requires two cameras,
+    gets the same one twice, and takes twice the time."""
     rows, cols = size
-    shown = axis_by_axis(sequence("gray", rows, cols, references=False))
+    shown = sequence("gray", rows, cols, references=False)
+    shown = replace(shown, frames=tuple(sorted(shown.frames, key=lambda frame: frame.axis or "")))
     frames, truth = _shoot(shown, size)
     name = f"{len(shown)} Gray frames"
     found = decode(frames, shown)
     yield _error(f"{name}, optolever", found.u, found.v, truth, found.good)
     (white, black), _ = _shoot(Sequence((Frame("white"), Frame("black")), rows, cols), size)
-    code, images, decoder = cv2_coder(shown), list(frames), Decoder(shown, estimate_profile(frames, shown))
+    code: Any = cv2.structured_light.GrayCodePattern.create(cols, rows)
+    images, decoder = list(frames), Decoder(shown, estimate_profile(frames, shown))
     ours, known, theirs = _minima(
         partial(decode, frames, shown), partial(decoder.decode, frames),
-        partial(cv2_decode, code, images, white, black),
+        partial(code.decode, [images, images], None, [black] * 2, [white] * 2),
     )  # fmt: skip
     yield Figure(f"{name}, cv2", 500 * theirs, "ms", note="whole u, v; half of its time for two cameras")
     for what, seconds, low in (("with a profile", known, 10), ("without", ours, 2)):
         note = f"{1e3 * seconds:.1f} ms"
         yield Figure(f"{name}, cv2 over optolever {what}", 0.5 * theirs / seconds, "times", low, note=note)
     chosen = np.random.default_rng(0).integers(0, size, (2000, 2))
-    u, v = cv2_places(code, images, chosen).T
+    places = [code.getProjPixel(images, int(col), int(row)) for row, col in chosen]
+    u, v = np.array([(np.nan, np.nan) if wrong else place for wrong, place in places], np.float64).T
     there = truth[0][tuple(chosen.T)], truth[1][tuple(chosen.T)]
     yield _error(f"{name}, cv2 (2000 pixels)", u, v, there, np.isfinite(u))

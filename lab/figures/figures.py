@@ -1,6 +1,6 @@
 """Figures beside the limits that each is to keep: of the demo, with and without blur, and over seeds."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,25 +35,16 @@ class Figure:
         return ", ".join(f"{word} {limit:g}" for word, limit in known.items() if limit is not None)
 
 
-Parts = Mapping[str, Callable[[], Iterable[Figure]]]
-
-
-def measured_parts(parts: Parts, progress: Progress) -> list[Figure]:
-    """The figures of all parts, measured one after the other."""
-    figures: list[Figure] = []
-    for done, (name, part) in enumerate(parts.items()):
-        progress(name, done, len(parts))
-        figures += part()
-    progress("", len(parts), len(parts))
-    return figures
-
-
 def run_figures(
     *, seeds: int = SEEDS, size: tuple[int, int] | None = None, progress: Progress = silent
 ) -> list[Figure]:
     """Measure everything; size (rows, cols) resamples the demo, seeds: runs of the mean over seeds."""
-    parts: Parts = {"demo": lambda: _demo(size), "seeds": lambda: _many_seeds(seeds)}
-    return measured_parts(parts, progress)
+    figures: list[Figure] = []
+    for done, (name, part) in enumerate({"demo": _demo(size), "seeds": _many_seeds(seeds)}.items()):
+        progress(name, done, 2)
+        figures += part
+    progress("", 2, 2)
+    return figures
 
 
 def _demo(size: tuple[int, int] | None) -> Iterator[Figure]:

@@ -18,7 +18,7 @@ from optolever.records import Progress, silent
 from ..live.figures import LiveRow, live_rows
 from .batch import batch_figures
 from .chart import CHARTS, CODES, DRAWS, SCENES, chart_rows, write_charts
-from .decode_speed import profile_figures, run_decode_figures
+from .decode_speed import decode_figures
 from .figures import Figure
 from .solver_figures import run_solver_times
 
@@ -53,7 +53,7 @@ def _codes(folder: Path) -> Iterator[str]:
     rig is known exactly; {DRAWS} draws, whose standard deviation stands beside the error; in brackets
     rms(error / sigma). With a lag of 10 % a picture holds a tenth of the one before; a gamma of 2.2 is
     measured by a ramp. CPU time: of one thread, decode by a profile of an earlier capture, and solve."""
-    yield from _head("python -m lab figures --page codes", text)
+    yield from _head("codes", text)
     for what, file in zip(("pictures", "CPU time"), CHARTS.values(), strict=True):
         yield from (f"![Height error of codes against {what}, two scenes under three conditions]({file})", "")
     found = list(chart_rows(silent))
@@ -86,27 +86,23 @@ def _error(row: Tradeoff) -> str:
 
 
 def _decode(_: Path) -> Iterator[str]:
-    command = "python -m lab figures --decode --pixels 640x480"
     text = """time over that of a kernel that reads the frames and writes as many bytes (floors); profile: of
-    the rig, of an earlier capture. Then the same frames by OpenCV and, where it is installed, `fringes`."""
-    yield from _head(command, text)
-    figures = [*profile_figures((480, 640), 3), *profile_figures((1080, 1920), 1)]
-    figures += run_decode_figures(size=(480, 640), parts=("fringes", "gray"))
-    yield from _figures(figures)
+    the rig, of an earlier capture. Then the same frames by OpenCV."""
+    yield from _head("decode", text)
+    yield from _figures(decode_figures())
 
 
 def _heights(_: Path) -> Iterator[str]:
     text = """time over a pair of float64 cosine transforms of as many pixels; the rig known exactly, typed,
     and typed against a rest capture."""
-    yield from _head("python -m lab figures --reconstruct", text)
+    yield from _head("heights", text)
     yield from _figures(run_solver_times())
 
 
 def _live(_: Path) -> Iterator[str]:
-    command = f"python -m lab live --pixels {SIZE[1]}x{SIZE[0]}"
     text = """frames of an independent renderer, noise of 1.5 levels; time over a pair of float32 cosine
     transforms."""
-    yield from _head(command, text)
+    yield from _head("live", text)
     yield from _table(_LIVE, map(_frame, live_rows(SIZE, (2, 4), 1)))
 
 
@@ -124,12 +120,13 @@ def _frame(row: LiveRow) -> Iterator[str]:
 
 
 def _batch(_: Path) -> Iterator[str]:
-    yield from _head("python -m lab figures", "`decode` of one kind of captures, wall-clock time.")
+    yield from _head("batch", "`decode` of one kind of captures, wall-clock time.")
     yield from _figures(batch_figures())
 
 
-def _head(command: str, text: str) -> list[str]:
+def _head(part: str, text: str) -> list[str]:
     """Command, time, machine and the measured quantity."""
+    command = f"python -m lab figures --page {part}"
     return [*_filled(f"`{command}`, {datetime.now():%Y-%m-%d}, commit {_commit()}, {_machine()}: {text}"), ""]
 
 

@@ -1,6 +1,6 @@
 """What `synchronise` recovers of drawn settings, and what `acquire` then takes, in simulated time."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,13 +31,13 @@ class SyncFigure:
     """
 
     setting: Setting
-    timing: Timing | None
-    errors: dict[str, float] = field(default_factory=dict)
-    frames: int = 0
-    wrong: int = 0
-    mixed: int = 0
-    incomplete: int = 0
-    ratio: float = 0.0
+    timing: Timing
+    errors: dict[str, float]
+    frames: int
+    wrong: int
+    mixed: int
+    incomplete: int
+    ratio: float
 
     @property
     def recovered(self) -> bool:
@@ -81,13 +81,11 @@ def measured(setting: Setting, seed: int, rows: int = 32) -> Measured:
     return Measured(timing, errors, clock, time)
 
 
-def run_setting(setting: Setting, frames: int, seed: int, *, known: bool = True) -> SyncFigure:
-    """Synchronise (unless known is False: the defaults), then capture."""
+def run_setting(setting: Setting, frames: int, seed: int) -> SyncFigure:
+    """Synchronise, then capture."""
     rng = np.random.default_rng(seed + 1000)
-    timing, errors, clock, time = None, {}, ClockMap(), SimulatedTime()
-    if known:
-        found = measured(setting, seed)
-        timing, errors, clock, time = found.timing, found.errors, found.clock, found.time
+    found = measured(setting, seed)
+    timing, clock, time = found.timing, found.clock, found.time
     patterns = codes(_PATTERNS, rng)
     display = SimulatedDisplay(setting, time, patterns, rng)
     camera = SimulatedCamera(setting, time, display, rng)
@@ -105,11 +103,11 @@ def run_setting(setting: Setting, frames: int, seed: int, *, known: bool = True)
         mixed += bool(off.max() > 1)
         wrong += bool(off.max() > SWING / 2)
     ratio = (time.now() - begin) / count / setting.bound
-    return SyncFigure(setting, timing, errors, count, wrong, mixed, incomplete, ratio)
+    return SyncFigure(setting, timing, found.errors, count, wrong, mixed, incomplete, ratio)
 
 
-def run_sync(frames: int, seed: int, *, known: bool = True) -> list[SyncFigure]:
+def run_sync(frames: int, seed: int) -> list[SyncFigure]:
     """20 drawn settings that share `frames` images."""
     rng = np.random.default_rng(seed)
     settings = [drawn_setting(rng) for _ in range(SETTINGS)]
-    return [run_setting(one, frames // SETTINGS, seed + k, known=known) for k, one in enumerate(settings)]
+    return [run_setting(one, frames // SETTINGS, seed + k) for k, one in enumerate(settings)]

@@ -4,5 +4,5 @@
 |---|---|
 | `record.py` | a row, and tables of rows |
 | `decode.py`, `captures.py`, `faults.py` | tests of captures: drawn ones; faults of frames and descriptions |
-| `heights.py`, `live.py` | captures of right and wrong rigs, and which tests name them |
+| `heights.py` | captures of right and wrong rigs, and which tests name them |
 """

@@ -15,7 +15,7 @@ _TITLE = "## Judgements"
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """part: decode, heights or live; test: its name; kind: of captures; limit: of its figure (NaN: it has
+    """part: decode or heights; test: its name; kind: of captures; limit: of its figure (NaN: it has
     none that is one number). right: captures whose results are right, false_alarms: of these the ones that
     the test names; wrong: captures with a fault whose results are wrong, missed: of these the ones that it
     does not name."""
