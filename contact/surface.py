@@ -128,7 +128,8 @@ class Surface:
 def spread(coarse: Map, step: int, rows: Ints, cols: Ints) -> Floats:
     """A field on every step-th cell at rows (n,) and columns (m,) of all, linear between."""
     if step == 1:
-        return np.asarray(coarse[rows[:, None], cols], np.float64)
+        whole = (rows.size, cols.size) == coarse.shape
+        return np.asarray(coarse if whole else coarse[rows[:, None], cols], np.float64)
     (row, down), (col, along) = (
         _between(at / step, last - 1) for at, last in zip((rows, cols), coarse.shape, strict=True)
     )
