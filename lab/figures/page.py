@@ -39,7 +39,7 @@ def write_page(folder: Path, parts: Iterable[str], progress: Progress = silent) 
     for done, (name, title, part) in enumerate(chosen):
         progress(name, done, len(chosen))
         with environment({} if part is _batch else ONE_THREAD):
-            made[title] = "\n".join([title, "", *part(folder), ""])
+            made[title] = "\n".join([title, "", *part(folder)]).rstrip() + "\n"
     path = folder / "benchmarks.md"
     head, *old = path.read_text("utf-8").rstrip().split("\n## ")
     sections = {text.partition("\n")[0]: text for text in old} | made
