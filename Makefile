@@ -24,8 +24,8 @@ test: $(VENV)/.dev  ## the tests of every day, on all cores
 test-slow: $(VENV)/.dev  ## what those leave out: bounds, coverage over seeds, drawn rigs, Dask, the browser
 	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
-test-all: $(VENV)/.dev  ## all tests, before a release
-	$(BIN)/python -m pytest
+test-all: $(VENV)/.dev  ## both in one run, whose files share what they prepare; CI runs it
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.dev  ## ruff: rules and format
 	$(BIN)/ruff check

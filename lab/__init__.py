@@ -13,7 +13,7 @@ It may import every module of `optolever`; tests alone import it.
 | - `ideal.py` | codes by their definitions |
 | - `batch.py` | many captures: two processes beside one |
 | - `page.py`, `chart.py` | docs/benchmarks.md and its chart |
-| - `contacts.py` | contacts on rigs drawn from the priors, against their total sigma |
+| - `contacts.py` | two contacts on a rig drawn from the priors, against their total sigma |
 | - `exposures.py` | three patterns in a picture against the same in grey |
 | - `elastic.py` | elastic contacts by kinds: force, depth, thickness |
 | - `pressed.py` | dents of known pressure, by formulas that the fit does not use |

@@ -1,10 +1,9 @@
-"""Contacts on rigs that are not as typed: how often area, depth and position lie within one sigma.
+"""Contacts on rigs that are not as typed: errors of area, depth and position over sigma.
 
 Every number of the rig is drawn from its prior, and so is the place of the whole rig along the mirror. Rest
 and press are traced on that rig; the height is reconstructed with the typed scene against the rest capture.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from optolever.arrays import Floats, Mask
 from optolever.decode import Correspondence
-from optolever.errors import InputError
 from optolever.reconstruct import Contact, HeightMap, contacts, exact_correspondence, reconstruct
 from optolever.scene import (
     Scene,
@@ -21,29 +19,21 @@ from optolever.scene import (
     Trace,
     adjusted,
     dent,
-    load,
     parameter_values,
-    resize,
     rig_covariance,
     trace,
 )
 
-__all__ = [
-    "KINDS", "Compared", "Finger", "captured", "changed", "contact_figures", "coverage", "drawn_press",
-    "press",
-]  # fmt: skip
+__all__ = ["Compared", "Finger", "captured", "changed", "compared", "press"]
 
-KINDS = ("ball", "punch", "gaussian", "needle")
 _GAUGE = (0.5, 0.5, np.radians(1.0))  # mm, mm, rad: where the whole rig stands along the mirror
-_TAPER = 0.1  # of the mirror's length, as dents of a scene fade to the edge at rest
-_FINE, _COARSE = 0.05, 0.25  # mm: grids of the true areas and of the dents that merge
+_FINE = 0.05  # mm: grid of the true areas
 
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """One contact: kind, place, depth and size (contact radius, sigma or decay) in mm."""
+    """One contact that fades: place, depth and sigma in mm."""
 
-    kind: str
     x: float
     y: float
     depth: float
@@ -51,20 +41,8 @@ class Finger:
 
     @property
     def radius(self) -> float:
-        """Where about half of the depth is left, mm."""
-        factor = {"ball": 1.0, "punch": 1.3, "gaussian": np.sqrt(2 * np.log(2)), "needle": np.log(2)}
-        return float(self.size * factor[self.kind])
-
-    def surface(self, scene: Scene) -> Surface:
-        """Its dent alone."""
-        place = {"peak": self.depth, "x": self.x, "y": self.y}
-        if self.kind == "ball":
-            return dent("ball", scene, radius=self.size**2 / self.depth, **place)
-        if self.kind == "needle":
-            return dent("needle", scene, decay=self.size, **place)
-        if self.kind == "gaussian":
-            return dent("gaussian", scene, sigma=self.size, **place)
-        return _punch(scene, self)
+        """Where half of the depth is left, mm."""
+        return float(self.size * np.sqrt(2 * np.log(2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,62 +52,6 @@ class Compared:
     finger: Finger
     contact: Contact | None
     scores: dict[str, float]
-
-
-def contact_figures(rigs: int, seed: int = 0, size: tuple[int, int] = (120, 160)) -> Iterator[list[Compared]]:
-    """Fingers of every drawn rig against what was found, none where the rig gives no height."""
-    scene = resize(load("prism48"), *size)
-    for number in range(rigs):
-        rng = np.random.default_rng([60, seed, number])
-        fingers = drawn_press(scene, rng)
-        try:
-            pressed = press(scene, fingers, rng)
-        except InputError:  # the anchor is not in view
-            yield [Compared(finger, None, {}) for finger in fingers]
-        else:
-            yield compared(pressed, fingers, scene)
-
-
-def coverage(some: list[Compared]) -> dict[str, float]:
-    """How many fingers there are, how many were found and cut, and the share of errors within one sigma."""
-    found = [each for each in some if each.contact is not None]
-    counts = {"fingers": len(some), "found": len(found)}
-    counts["cut"] = sum(each.contact is not None and each.contact.cut for each in found)
-    if not found:
-        return {name: float(count) for name, count in counts.items()}
-    within = {name: np.mean([abs(each.scores[name]) < 1 for each in found]) for name in found[0].scores}
-    shares = {"depth": within["depth"], "area": within["area"]}
-    shares["position"] = 0.5 * (within["x"] + within["y"])
-    return {name: float(value) for name, value in (counts | shares).items()}
-
-
-def drawn_press(scene: Scene, rng: np.random.Generator) -> list[Finger]:
-    """Two to five fingers whose dents do not merge above half of their depths."""
-    wanted = int(rng.integers(2, 6))
-    while True:
-        fingers = [_drawn(scene, rng) for _ in range(wanted)]
-        if not _merge(fingers, scene):
-            return fingers
-
-
-def _drawn(scene: Scene, rng: np.random.Generator) -> Finger:
-    length, width = scene.mirror.length, scene.mirror.width
-    depth, size = float(np.exp(rng.uniform(*np.log([0.02, 0.3])))), float(rng.uniform(2.0, 4.5))
-    x, y = rng.uniform([0.2 * length, 0.15 * width], [0.8 * length, 0.85 * width])
-    return Finger(KINDS[rng.integers(len(KINDS))], float(x), float(y), depth, size)
-
-
-def _merge(fingers: list[Finger], scene: Scene) -> bool:
-    """Whether at half of its depth any dent contains another one, or reaches the mirror's edge."""
-    x, y = np.meshgrid(np.arange(0, scene.mirror.length, _COARSE), np.arange(0, scene.mirror.width, _COARSE))
-    z = surface_of(fingers, scene).height(x, y)
-    at = [(round(finger.y / _COARSE), round(finger.x / _COARSE)) for finger in fingers]
-    for finger, place in zip(fingers, at, strict=True):
-        labels, _ = scipy.ndimage.label(z > 0.45 * z[place])
-        mine = labels == labels[place]
-        if sum(mine[other] for other in at) > 1 or np.hypot(x - finger.x, y - finger.y)[mine].max() > 9.0:
-            return True
-    return False
 
 
 def press(scene: Scene, fingers: list[Finger], rng: np.random.Generator, at_rest: bool = True) -> HeightMap:
@@ -168,7 +90,7 @@ def compared(height: HeightMap, fingers: list[Finger], scene: Scene) -> list[Com
 
 def surface_of(fingers: list[Finger], scene: Scene) -> Surface:
     """The sum of all dents."""
-    parts = [finger.surface(scene) for finger in fingers]
+    parts = [dent("gaussian", scene, peak=f.depth, sigma=f.size, x=f.x, y=f.y) for f in fingers]
 
     def both(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         z, zx, zy = (np.sum(part, axis=0) for part in zip(*(p.evaluate(x, y) for p in parts), strict=True))
@@ -207,23 +129,6 @@ def captured(
     exact = exact_correspondence(truth, noise)
     u, v = (part + noise * rng.standard_normal(part.shape) for part in (exact.u, exact.v))
     return replace(exact, u=u, v=v), truth
-
-
-def _punch(scene: Scene, finger: Finger) -> Surface:
-    """Flat rigid cylinder on an elastic half-space: depth inside, 2/pi depth asin(a/r) outside."""
-    length, taper = scene.mirror.length, _TAPER * scene.mirror.length
-
-    def both(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        dx, dy = x - finger.x, y - finger.y
-        q = np.maximum(np.hypot(dx, dy) / finger.size, 1.0)
-        z = finger.depth * 2 / np.pi * np.arcsin(1 / q)
-        root = np.sqrt(np.maximum(q * q - 1, 1e-12))
-        over_r = np.where(q > 1, -2 / np.pi * finger.depth / (finger.size * q) ** 2 / root, 0.0)
-        s = np.clip((length - x) / taper, 0.0, 1.0)
-        fade, fading = s**3 * (10 + s * (6 * s - 15)), -30 / taper * (s * (1 - s)) ** 2
-        return z * fade, over_r * dx * fade + z * fading, over_r * dy * fade
-
-    return Surface(lambda x, y: both(x, y)[0], lambda x, y: both(x, y)[1:], both=both)
 
 
 def _scores(contact: Contact, finger: Finger, surface: Surface) -> dict[str, float]:

@@ -27,11 +27,11 @@ _WEAK = ("sigma is", "the mirror moved")
 _REAL, _WINDOW = ROOT.parent / "shared" / "real" / "refused", 80
 
 
-def rows(seeds: int, codes: Collection[str] = CODES, lights: Collection[str] = tuple(LIGHTS)) -> list[Row]:
+def rows(seeds: int, codes: Collection[str] = CODES) -> list[Row]:
     """Of every test on every kind of right captures; of every kind of fault, without and with a profile."""
     found = []
-    for kind in lights:
-        drawn = (draw(code, LIGHTS[kind], seed) for seed in range(seeds) for code in codes)
+    for kind, light in LIGHTS.items():
+        drawn = (draw(code, light, seed) for seed in range(seeds) for code in codes)
         found += _right(kind, (decode(one.frames, one.sequence) for one in drawn))
     for folder in sorted(_REAL.glob("*")):
         found += _right(folder.name, _windows(folder, 5 * seeds))

@@ -200,19 +200,21 @@ def restore(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
     return restored
 
 
-@pytest.mark.parametrize("links", [1, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("amid", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", CALLS)
-def test_inputs_stay(name: str, links: int, restore: Callable[[], None]) -> None:
-    """With an output on them, on a link to them (to so many of the files), above or below them."""
+def test_inputs_stay(name: str, amid: bool, restore: Callable[[], None]) -> None:
+    """With an output on them, above or below them, on a link to the first or the last of the files (amid: on
+    a link to one of the others)."""
     call = Call.of(name)
     files, folders = call.inputs()
     for flag in call.outputs:
-        places = ["."]
-        for k, folder in enumerate(folders):
+        places = [] if amid else ["."]
+        for k, folder in enumerate([] if amid else folders):
             places += [folder, f"{flag}{k}", f"{folder}/below", f"{folder}/frames"]
         for k, file in enumerate([] if call.is_folder(flag) else files):
             linked = (call.name(flag, f"{kind}{flag}{k}") for kind in ("soft", "hard"))
-            places += [file, *(linked if k < links or k == len(files) - 1 else ())]
+            places += [] if amid else [file]
+            places += [] if (k in (0, len(files) - 1)) == amid else linked
 
         def inputs(flag: str = flag, places: list[str] = places) -> dict[str, str]:
             restore()

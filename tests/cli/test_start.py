@@ -401,7 +401,7 @@ def test_wrong_answers_are_said_before_the_live_view(screen: tuple[str, Path]) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["monitor", "prism", "laptop"])
+@pytest.mark.parametrize("kind", ["prism", "laptop"])
 def test_a_page_leads_from_an_empty_folder_to_a_live_height(kind: str, screen: tuple[str, Path]) -> None:
     display, folder = screen
     file, typed = world(folder, kind), 0

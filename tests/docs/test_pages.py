@@ -7,6 +7,7 @@ import contextlib
 import io
 import re
 import shlex
+import shutil
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -41,6 +42,15 @@ BLOCK = re.compile(
 )
 
 
+#: What the commands at a page's beginning left, printed and said, by the commands: pages share samples.
+BEGUN = dict[tuple[str, ...], tuple[Path, str, str]]()
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("begun")
+
+
 @dataclass(frozen=True)
 class Block:
     language: str
@@ -51,12 +61,14 @@ def blocks(text: str) -> list[Block]:
     return [Block(found[2], found[3]) for found in BLOCK.finditer(text) if not found[1]]
 
 
-def play(page: str, text: str) -> str:
-    """Run the blocks of a page in the working folder; what its Python prints."""
+def play(page: str, text: str, kept: Path) -> str:
+    """Run the blocks of a page in the working folder; what its Python prints. kept: folder of BEGUN."""
     names: dict[str, object] = {"__name__": "__page__"}
     printed_by_python = io.StringIO()
+    begun: tuple[str, ...] = (str(kept),)
     for block in blocks(text):
         first = block.text.partition("\n")[0]
+        begun = begun if block.language == "console" else ()
         if block.language == "python":
             with contextlib.redirect_stdout(printed_by_python):
                 exec(compile(block.text, page, "exec"), names)
@@ -64,13 +76,27 @@ def play(page: str, text: str) -> str:
             Path(first[2:]).write_text(block.text)
         elif block.language == "console":
             for line, shown in commands(block.text):
-                printed, said = io.StringIO(), io.StringIO()
-                with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
-                    assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
-                true(said.getvalue() + printed.getvalue(), f"{page}: {line}")
+                begun = (*begun, line) if 0 < len(begun) < 5 else ()
+                printed, said = ran(line, page, begun)
+                true(said + printed, f"{page}: {line}")
                 if page in PRINTED:
-                    same(shown, printed.getvalue(), page)
+                    same(shown, printed, page)
     return printed_by_python.getvalue()
+
+
+def ran(line: str, page: str, begun: tuple[str, ...]) -> tuple[str, str]:
+    """What a command prints and says; of those with which a page begins, what they left for another page."""
+    if begun in BEGUN:
+        left, printed, said = BEGUN[begun]
+        shutil.copytree(left, ".", dirs_exist_ok=True)
+        return printed, said
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        assert run(shlex.split(line)[1:]) == 0, f"{page}: {line}"
+    if begun:
+        left = Path(begun[0]) / str(len(BEGUN))
+        BEGUN[begun] = shutil.copytree(".", left), out.getvalue(), err.getvalue()
+    return out.getvalue(), err.getvalue()
 
 
 def true(printed: str, where: str) -> None:
@@ -106,9 +132,9 @@ def same(shown: str, printed: str, page: str) -> None:
 @pytest.mark.parametrize(
     "page", [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in PAGES]
 )
-def test_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_runs(page: str, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert re.search(SAYS.get(page, ""), play(page, (ROOT / page).read_text()))
+    assert re.search(SAYS.get(page, ""), play(page, (ROOT / page).read_text(), kept))
 
 
 def test_every_code_block_names_its_language() -> None:

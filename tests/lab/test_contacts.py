@@ -6,7 +6,7 @@ import pytest
 from lab.figures.contacts import Finger, compared, press
 from optolever.scene import load, resize
 
-FINGERS = [Finger("gaussian", 25, 16, 0.3, 4.0), Finger("gaussian", 42, 30, 0.1, 3.0)]
+FINGERS = [Finger(25, 16, 0.3, 4.0), Finger(42, 30, 0.1, 3.0)]
 
 
 @pytest.mark.slow
