@@ -107,6 +107,8 @@ def test_open_air_without_a_guess(poses: int) -> None:
     found = calibrate(far, rig.observations)
     assert not found.guessed
     assert 0.9 < found.adjustment.chi < 1.1
+    assert "The captures do not determine" not in warned(found)
+    assert "the reference's flatness" in warned(found)
     sigma = {each["name"]: each["sigma"] for each in found.parameters}
     truth = parameter_values(rig.truth)
     for name in [
@@ -123,16 +125,16 @@ def test_open_air_without_a_guess(poses: int) -> None:
     assert all(0.8 < left_out(found, f"flat{k}") < 1.5 for k in range(1, poses))
 
 
-@pytest.mark.slow  # 14 adjustments; every day: one of a prism, the numbers of open air
+@pytest.mark.slow  # 10 adjustments; every day: one of a prism, the numbers of open air
 def test_covariance_is_true() -> None:
     """(estimate - truth)^T C^-1 (estimate - truth) per number, mean over draws."""
     misses = []
-    for seed in range(8):
+    for seed in range(6):
         rig = air(seed, 3)
         misses.append(deviations(calibrate(rig.truth, rig.observations, guess=True), rig))
     assert 0.75 < np.mean(misses) < 1.3
     misses = []
-    for seed in range(6):
+    for seed in range(4):
         rig = prisms(seed, 3)
         misses.append(deviations(calibrate(rig.given, rig.observations), rig))
     assert 0.75 < np.mean(misses) < 1.3
@@ -193,8 +195,6 @@ def warned(found: Calibration) -> str:
 
 @pytest.mark.slow  # minutes: every start of the adjustment is tried
 def test_what_cannot_be_observed_is_warned_of() -> None:
-    parallel = air(3, 3, (0.01, 0.02))
-    assert "parallel within" in warned(calibrate(parallel.truth, parallel.observations, guess=True))
     small = air(3, 3, (0.9, 1.0))
     assert "parallel within" in warned(calibrate(small.truth, small.observations, guess=True))
     one = air(3, 1)
@@ -205,10 +205,6 @@ def test_what_cannot_be_observed_is_warned_of() -> None:
     text = warned(calibrate(rest.given, rest.observations))
     assert "rest without a ball" in text
     assert "The captures do not determine" in text
-    many = air(3, 5)
-    good = warned(calibrate(many.truth, many.observations, guess=True))
-    assert "The captures do not determine" not in good
-    assert "the reference's flatness" in good
 
 
 def bad(name: str) -> object:

@@ -63,7 +63,7 @@ def require_inside(found: NDArray[np.bool_], true: NDArray[np.bool_], good: NDAr
 @pytest.mark.parametrize(
     ("seed", "noise", "pinhole"),
     [(0, 0.005, False), (1, 0.005, True), (2, 0.05, False)]
-    + [pytest.param(seed, 0.005, seed % 2 == 1, marks=pytest.mark.slow) for seed in range(3, 15)],
+    + [pytest.param(seed, 0.005, seed % 2 == 1, marks=pytest.mark.slow) for seed in range(3, 9)],
 )
 def test_drawn_balls(shape, seed: int, noise: float, pinhole: bool) -> None:  # type: ignore[no-untyped-def]
     rig, ball, take = drawn(seed, noise, pinhole)
@@ -85,11 +85,10 @@ def without_masks(rig: Rig) -> list[Observation]:
     return [replace(each, mask=None) for each in rig.observations]
 
 
-@pytest.mark.slow  # four adjustments
-@pytest.mark.parametrize("pinhole", [False, True])
-def test_calibration_with_what_is_found_is_as_with_the_true_contact(pinhole: bool) -> None:
+@pytest.mark.slow  # two adjustments
+def test_calibration_with_what_is_found_is_as_with_the_true_contact() -> None:
     rng = np.random.default_rng(8)
-    rig = prism(rng, 1, correspondence_of(0.005, rng), pinhole, size=200)
+    rig = prism(rng, 1, correspondence_of(0.005, rng), size=200)
     found = calibrate(rig.given, without_masks(rig))
     true = calibrate(rig.given, rig.observations)
     for one, other in zip(found.parameters, true.parameters, strict=True):

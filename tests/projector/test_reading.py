@@ -38,13 +38,6 @@ def names(capture: Capture) -> list[str]:
     return [notice.name for notice in capture.notices]
 
 
-def test_a_folder_with_capture_toml_needs_no_sequence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no capture\.toml says what was shown"):
-        Capture.load(tmp_path)
-    Capture(frames(), SHOWN).save(tmp_path / "c")
-    assert Capture.load(tmp_path / "c").sequence == SHOWN
-
-
 def test_names_are_sorted_as_people_count(tmp_path: Path) -> None:
     images = frames()
     folder = write(tmp_path / "shots", images)
