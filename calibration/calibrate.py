@@ -13,6 +13,7 @@ import numpy as np
 
 from optolever import schema
 from optolever.arrays import Floats
+from optolever.blocks import blas_on_one
 from optolever.errors import InputError
 from optolever.notices import Notice
 from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
@@ -133,6 +134,7 @@ class Calibration:
 
 
 @schema.checked(scene=Scene, observations=[Observation])
+@blas_on_one()
 def calibrate(
     scene: Scene,
     observations: Sequence[Observation],

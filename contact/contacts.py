@@ -10,6 +10,7 @@ import numpy as np
 import scipy.ndimage
 
 from optolever.arrays import Floats, Map, Mask, norm
+from optolever.blocks import blas_on_one
 from optolever.quantities import quantity
 from optolever.scene import Layer
 from optolever.schema import built
@@ -132,6 +133,7 @@ class _Dent(NamedTuple):
     peak: tuple[int, int]
 
 
+@blas_on_one()
 def contacts(
     surface: Surface,
     regions: Sequence[Region],

@@ -26,6 +26,7 @@ import numpy as np
 import scipy
 
 from optolever.arrays import Floats, Ints, Mask, norm
+from optolever.blocks import blas_on_one
 from optolever.scene import Layer
 
 from .pressure import BONDED, bonded
@@ -118,6 +119,7 @@ class _Base(NamedTuple):
     poisson: float
 
 
+@blas_on_one()
 def elastic_fits(
     surface: Surface,
     regions: Sequence[Region],

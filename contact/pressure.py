@@ -23,7 +23,6 @@ import numpy as np
 import scipy
 
 from optolever.arrays import Floats, Ints, Mask
-from optolever.blocks import blas_on_one
 from optolever.scene import Layer
 
 __all__ = ["BONDED", "Pressed", "bonded", "deflection", "forces_on"]
@@ -60,8 +59,7 @@ def forces_on(layer: Layer, cells: list[Floats], radii: list[float], height: _He
         places, owner = _squares(cells, radii, pitch)
         if len(places) < _MOST:
             break
-    with blas_on_one():
-        pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
+    pressure, weights = _pressed(deflection(layer, pitch, places), height(places, pitch), owner)
     return Pressed(pressure, places, pitch, owner, weights)
 
 

@@ -53,13 +53,10 @@ class Live:
         self._touches = Touches()
         self.creep: RigMotion = rig_motion(prepared.rig, prepared.points)
 
+    @blas_on_one()
     def update(self, frame: Frame, time: float = 0.0) -> Reading:
         """The reading of a frame (H, W) of the camera, taken at `time` (s): heights less what the rig and the
         anchor moved, and the contacts in them. InputError for a wrong size or type."""
-        with blas_on_one():
-            return self._read(frame, time)
-
-    def _read(self, frame: Frame, time: float) -> Reading:
         prepared, rig, frame = self.prepared, self.prepared.rig, self._used(frame)
         settled, strays = settle_without_strays(rig, frame, prepared.noise.sigma)
         good, raw, slopes = settled.good, settled.tau * rig.normal, settled.slopes

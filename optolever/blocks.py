@@ -2,9 +2,9 @@
 
 import importlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -51,10 +51,12 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def blas_on_one() -> AbstractContextManager[object]:
-    """BLAS on one thread, for systems of some hundred unknowns: more threads mostly wait for each other."""
-    limit: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
-    return limit
+@contextmanager
+def blas_on_one() -> Iterator[None]:
+    """BLAS on one thread, for systems of some hundred unknowns: more threads mostly wait for each other, on a
+    busy machine 100 ms at a time. Also a decorator."""
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
 
 
 def _limit_blas() -> None:

@@ -74,6 +74,7 @@ class Solution(NamedTuple):
 
 
 @checked(correspondence=Correspondence, scene=Scene, rest=Correspondence)
+@blas_on_one()
 def reconstruct(
     correspondence: Correspondence,
     scene: Scene,
@@ -104,11 +105,10 @@ def reconstruct(
     corrected = measured.corrected(scene)
     steps = 1 if scene.exact else 2
     progress("height", 0, steps)
-    with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene), blas_on_one():
+    with logged(f"reconstruct {correspondence.u.shape}"), _explained(measured, scene):
         solution = solved_height(corrected, scene, anchor, mask, lens_errors(correspondence, rest))
     progress("errors of the rig", 1, steps)
-    with blas_on_one():
-        height, rig, mistake = _with_rig(solution, measured, scene, accept)
+    height, rig, mistake = _with_rig(solution, measured, scene, accept)
     problem, state = solution.problem, solution.state
     height = with_references(height, problem, state, solution.noise, corrected, anchor, rest)
     shift = None

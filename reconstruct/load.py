@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from optolever.arrays import Floats
-from optolever.blocks import blas_on_one
 from optolever.contact import Contact, Surface, elastic_fits, load_fit, regions
 from optolever.contact import contacts as figures
 from optolever.notices import Judged
@@ -42,8 +41,7 @@ def less_sag(height: HeightMap, problem: Problem, state: State, scene: Scene) ->
     held = problem.to_image(held, False) & np.isfinite(height.z)
     anchors = np.stack([height.x[held], height.y[held]], axis=-1)
     surface = replace(surface_of(height, free_mode(problem, state)), anchors=anchors)
-    with blas_on_one():
-        found = load_fit(surface, scene.layer, solid=not scene.open_air)
+    found = load_fit(surface, scene.layer, solid=not scene.open_air)
     if found is None:
         return _wider(height)
     motion = float(np.linalg.norm(found.motion)) / np.sqrt(max(found.motion.size, 1))
