@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from optolever.arrays import Floats
+from optolever.blocks import blas_on_one
 from optolever.decode import Flag
 from optolever.errors import InputError
 from optolever.scene import Scene
@@ -60,6 +61,7 @@ class Judgement:
         return shares | {"tilt_deg": self.tilt} | lengths
 
 
+@blas_on_one()
 def judged(found: Calibration) -> list[Judgement]:
     """Every capture of a calibration, the frame's first, the others in the given order."""
     solved = found.adjustment
