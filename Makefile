@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 OUT := out
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-slow test-all lint format typecheck ci clean
+.PHONY: help demo docs test lint format typecheck ci clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /  make \1\t/' | expand -t 20
@@ -18,14 +18,10 @@ docs: $(VENV)/.docs  ## the pages, as HTML in out/docs
 	$(BIN)/python docs/figures.py docs/_figures
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs $(OUT)/docs
 
-test: $(VENV)/.dev  ## the tests of every day, on all cores
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
-
-test-slow: $(VENV)/.dev  ## what those leave out: bounds, coverage over seeds, drawn rigs, Dask, the browser
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
-
-test-all: $(VENV)/.dev  ## both in one run, whose files share what they prepare; CI runs it
-	$(BIN)/python -m pytest -n auto --dist loadfile
+# One thread of BLAS a worker: on busy cores a second one waits, a third of the CPU time of some files.
+MARKS = "not slow"
+test: $(VENV)/.dev  ## the tests of every day, on all cores; MARKS= all of them, MARKS=slow the others
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m $(or $(MARKS),"")
 
 lint: $(VENV)/.dev  ## ruff: rules and format
 	$(BIN)/ruff check
