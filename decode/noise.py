@@ -19,7 +19,7 @@ from optolever.kernels import F32, F64
 
 from .plan import Fringe, Plan, constraints
 
-__all__ = ["Noise", "Sample", "fit_noise", "quantile", "regression"]
+__all__ = ["Noise", "Sample", "fit_noise", "noise_of", "quantile", "regression"]
 
 Residuals = tuple[F64, F64]
 #: Share of a pixel's half contrast from which on a bit is bright or dark, and not at an edge.
@@ -98,6 +98,11 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
     return _line(kinds, rounding)
+
+
+def noise_of(level: F64, residual: F64, rounding: float) -> Noise:
+    """Noise of residuals at levels; rounding: see fit_noise."""
+    return _line([(level, residual)], rounding)
 
 
 def _two_levels(level: F64) -> bool:

@@ -401,7 +401,7 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     for a, table in enumerate(ready.look_ups):
         if table is not None:
             either, lines = int(ready.tables[a].either), Lines(*(one[a] for one in out))
-            lookup_rows(light, ready.profile.noise, table, 0, stop - start, either, lines)
+            lookup_rows(light, ready.profile.noise, table, either, lines)
     return out
 
 

@@ -23,10 +23,10 @@ from optolever.patterns import Sequence
 
 from ..correspondence import Flag
 from ..frames import Light, Settings
-from ..noise import Noise, Sample
+from ..noise import Noise, Sample, noise_of
 from ..plan import AxisPlan, Plan, Stripes
 from ..plan import plan as plan_of
-from .match import COARSE, PER_PX, RIVALS, Book, match
+from .match import COARSE, PER_PX, RIVALS, Book, match, similar
 
 __all__ = ["Lines", "LookUp", "Table", "beside", "lookup_rows", "prepare", "table_of"]
 
@@ -49,7 +49,7 @@ _RIVAL = 0.6
 _NOWHERE = (
     np.zeros((0, 0), np.float32),
     np.zeros((0, RIVALS), np.int64),
-    np.zeros((RIVALS + 1, 0, 2), np.float32),
+    np.zeros((0, RIVALS, 2), np.float32),
 )
 #: Tables kept: as many as the spreads of both axes.
 _KEPT = 40
@@ -146,13 +146,10 @@ class _Trial(NamedTuple):
     misfit: F64
 
 
-def lookup_rows(
-    light: Light, noise: Noise, table: Table, start: int, stop: int, either: int, out: Lines
-) -> None:
-    """Decode rows start..stop of the frames into out, which has stop - start rows; either: flags where two
-    places fit."""
+def lookup_rows(light: Light, noise: Noise, table: Table, either: int, out: Lines) -> None:
+    """Decode frames into out; either: flags where two places fit."""
     noise, cols, extent = table.noise or noise, light.raw.shape[2], table.axis.extent
-    found = _matched(light, light.raw[:, start:stop].reshape(len(light.raw), -1), cols, noise, table)
+    found = _matched(light, light.raw.reshape(len(light.raw), -1), cols, noise, table)
     none, contrast = np.isnan(found.place), 0.5 * found.scale
     middle = found.offset + contrast
     place = np.where(none, 0.0, found.place)
@@ -364,29 +361,15 @@ def _beyond(table: Table, found: _Found, noise: Noise) -> float:
 
 
 def _residual_noise(table: Table, found: _Found, floor: float) -> Noise:
-    """Noise from the residuals of a sample: median squares by level, in bins of equal width."""
+    """Noise from the residuals of a sample, by level."""
     used = np.isfinite(found.variance)
     words, n, at = table.book.words, found.samples.shape[1], found.codeword[used]
     block, q = found.block[used], np.minimum(at.astype(np.int64), words.shape[1] - 2)
     z = words[block, q] + (at - q)[:, None] * (words[block, q + 1] - words[block, q])
     level = found.offset[used, None] + found.scale[used, None] * z
-    square = np.square(found.samples[used] - level) * (n / max(n - 3, 1) / 0.455)
-    good = np.isfinite(square)
-    level, square = level[good], square[good]
-    bins = np.clip(((level - level.min()) / max(np.ptp(level), 1e-9) * 8).astype(int), 0, 7)
-    rows = [
-        (level[bins == b].mean(), np.median(square[bins == b]))
-        for b in range(8)
-        if np.count_nonzero(bins == b) > 64
-    ]
-    if len(rows) < 3:
-        return Noise(max(float(np.median(square)), floor))
-    x, y = np.array(rows).T
-    gain, read2 = np.polyfit(x, y, 1, w=1 / np.maximum(y, floor))
-    if gain <= 0 or read2 < floor:
-        gain = max(float(np.median((y - floor) / np.maximum(x, 1.0))), 0.0) if gain > 0 else 0.0
-        read2 = max(float(np.median(y - gain * x)), floor)
-    return Noise(float(read2), float(gain))
+    residual = (found.samples[used] - level) * math.sqrt(n / max(n - 3, 1))
+    good = np.isfinite(residual)
+    return noise_of(level[good], residual[good], floor)
 
 
 def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:
@@ -466,27 +449,16 @@ def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
     length = np.sqrt(np.square(words).sum(axis=1))
     unit = words / np.maximum(length, 1e-3 * length.max() + 1e-12)[:, None]
     per = PER_PX // COARSE
-    coarse = np.ascontiguousarray(unit[per // 2 :: per][: (len(unit) - 1) // per])
-    count, guard = len(coarse), 2 * math.ceil(reach / per)
-    rivals, place = np.zeros((count, RIVALS + 1), np.int64), np.arange(count)
-    cosine, last = np.zeros((count, RIVALS + 1)), min(RIVALS + 1, count)
-    near, around = np.arange(-per, per + 1), np.arange(-per // 2, per // 2 + 1)
-    for some in np.array_split(place, math.ceil(count / 256)):
-        similar = coarse[some] @ coarse.T
-        peak = similar >= scipy.ndimage.maximum_filter1d(similar, 3, axis=1, mode="nearest")
-        similar[~peak | (np.abs(place - some[:, None]) <= guard)] = -1.0
-        best = np.argpartition(-similar, last - 1, axis=1)[:, :last]
-        best = np.take_along_axis(
-            best, np.argsort(-np.take_along_axis(similar, best, axis=1), axis=1), axis=1
-        )
-        rivals[some, :last] = best
-        mine = unit[np.clip(per * some[:, None] + per // 2 + around, 0, len(unit) - 1)]
-        theirs = unit[np.clip((best * per + per // 2)[..., None] + near, 0, len(unit) - 1)]
-        every = np.einsum("pan,pkbn->pkab", mine, theirs, optimize=True).max(axis=(2, 3))
-        cosine[some, :last] = np.where(np.take_along_axis(similar, best, axis=1) > -1, every, 0.0)
-    cosine = np.clip(cosine, 0.0, 1.0)
-    apart = np.stack([np.sqrt(1 - cosine**2), cosine], axis=2).swapaxes(0, 1)
-    return np.ascontiguousarray(coarse.T), rivals[:, :-1].copy(), np.ascontiguousarray(apart, np.float32)
+    coarse = np.ascontiguousarray(unit[per // 2 :: per][: (len(unit) - 1) // per].T)
+    rivals, cosine = np.empty((coarse.shape[1], RIVALS), np.int64), np.empty((coarse.shape[1], RIVALS))
+    similar(coarse, 2 * math.ceil(reach / per), rivals, cosine)
+    mine, theirs = (
+        unit[np.clip(per * at[..., None] + per // 2 + np.arange(-side, side + 1), 0, len(unit) - 1)]
+        for at, side in ((np.arange(len(rivals)), per // 2), (rivals, per))
+    )
+    every = np.einsum("pan,pkbn->pkab", mine, theirs, optimize=True).max(axis=(2, 3))
+    cosine = np.where(rivals >= 0, np.clip(every, 0.0, 1.0), 0.0)
+    return coarse, rivals, np.stack([np.sqrt(1 - cosine**2), cosine], axis=2).astype(np.float32)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -11,7 +11,7 @@ import numpy as np
 
 from optolever.kernels import F32, F64, I64, exact, inlined, kernel
 
-__all__ = ["COARSE", "PER_PX", "RIVALS", "Book", "match"]
+__all__ = ["COARSE", "PER_PX", "RIVALS", "Book", "match", "similar"]
 
 #: Segment, place on it, squared residuals, scale and level of a descent.
 _Walk = tuple[int, float, float, float, float]
@@ -30,8 +30,8 @@ class Book(NamedTuple):
 
     words    (B, Q, n) z
     coarse   (n, P) unit codewords of the search over the surface; P = 0: no search
-    rivals   (P, RIVALS) the most similar ones elsewhere, descending; apart (RIVALS + 1, P, 2): sine and
-             cosine of the angles to them and to the next one
+    rivals   (P, RIVALS) the most similar ones elsewhere, descending; apart (P, RIVALS, 2): sine and
+             cosine of the angles to them
     reach    codewords around a place that are the same place; cell: codewords of a cell
     """
 
@@ -103,8 +103,9 @@ def _scores(y: F32, used: F64, whole: bool, coarse: F32, score: F32) -> None:
 
 
 @exact
-def _highest(score: F32, place: I64, value: F64) -> int:
-    """The highest local maxima of a score, descending, and how many are half as high as the first.
+def _highest(score: F32, own: int, guard: int, place: I64, value: F64) -> int:
+    """The highest local maxima of a score, descending, but those beside `own`, and how many are half as high
+    as the first.
 
     Codewords are half a step from the best place at most, which costs less than half the score.
     """
@@ -112,21 +113,34 @@ def _highest(score: F32, place: I64, value: F64) -> int:
     for k in range(value.size):
         value[k], place[k] = 0.0, -1
     for p in range(score.size):
-        own = score[p]
+        one = score[p]
         if (
-            own > value[last]
-            and (p == 0 or own >= score[p - 1])
-            and (p + 1 == score.size or own > score[p + 1])
+            one > value[last]
+            and abs(p - own) > guard
+            and (p == 0 or one >= score[p - 1])
+            and (p + 1 == score.size or one > score[p + 1])
         ):
             k = last
-            while k > 0 and value[k - 1] < own:
+            while k > 0 and value[k - 1] < one:
                 value[k], place[k] = value[k - 1], place[k - 1]
                 k -= 1
-            value[k], place[k] = own, p
+            value[k], place[k] = one, p
     count = 0
     while count < value.size and place[count] >= 0 and value[count] >= 0.5 * value[0]:
         count += 1
     return count
+
+
+@exact
+def similar(coarse: F32, guard: int, place: I64, cosine: F64) -> None:
+    """Of each codeword (n, P) the most similar ones elsewhere, (P, RIVALS), descending; -1: no more."""
+    word, score = np.empty(coarse.shape[0], np.float32), np.empty(coarse.shape[1], np.float32)
+    used = np.ones(word.size)
+    for p in range(score.size):
+        for m in range(word.size):
+            word[m] = coarse[m, p]
+        _scores(word, used, True, coarse, score)
+        _highest(score, p, guard, place[p], cosine[p])
 
 
 @exact
@@ -162,12 +176,12 @@ def _rivals(fit: _Walk, sums: _Sums, apart: F32, noise: float) -> int:
     its squared residuals are larger by power sin(apart) sin(apart - 2 t). It shrinks with omitted samples.
     """
     power, count, n = sums
-    lead = (12.0 + np.log(apart.shape[1] + 1.0)) * noise * n  # a probability of exp(-12) elsewhere
-    q = min(fit[0] // (PER_PX // COARSE), apart.shape[1] - 1)
+    lead = (12.0 + np.log(apart.shape[0] + 1.0)) * noise * n  # a probability of exp(-12) elsewhere
+    q = min(fit[0] // (PER_PX // COARSE), apart.shape[0] - 1)
     rss = min(fit[2], power)
     half = 2 * np.sqrt(rss * (power - rss))
-    for k in range(apart.shape[0]):
-        s, c = apart[k, q, 0], apart[k, q, 1]
+    for k in range(RIVALS):
+        s, c = apart[q, k, 0], apart[q, k, 1]
         if 0.5 * s * (s * (power - rss - rss) - c * half) * (2 * count - n) > lead:
             return k
     return -1
@@ -182,18 +196,17 @@ def _searched(
     fit, error, sure = (0, 0.0, sums[0], 0.0, 0.0), 0.0, book.coarse.shape[1] == 0
     if guess >= 0:
         fit = _walk(v, used, book.words, 0, guess)
-        if fit[2] < limit * noise:
-            some = _rivals(fit, sums, book.apart, noise)
-            sure = some == 0
-            if some > 0:
-                before = fit[0]
-                similar = book.rivals[min(before // (PER_PX // COARSE), book.rivals.shape[0] - 1), :some]
-                fit, error = _compared(v, used, sums[1], book, similar, noise, fit)
-                sure = abs(fit[0] - before) <= 2 * book.reach
+        some = _rivals(fit, sums, book.apart, noise) if fit[2] < limit * noise else -1
+        sure = some == 0
+        if some > 0:
+            before = fit[0]
+            places = book.rivals[min(before // (PER_PX // COARSE), book.rivals.shape[0] - 1), :some]
+            fit, error = _compared(v, used, sums[1], book, places, noise, fit)
+            sure = abs(fit[0] - before) <= 2 * book.reach
     if not sure:
         score, place = np.empty(book.coarse.shape[1], np.float32), np.empty(RIVALS, np.int64)
         _scores(y, used, sums[1] == sums[2], book.coarse, score)
-        some = _highest(score, place, np.empty(RIVALS))
+        some = _highest(score, -1, 0, place, np.empty(RIVALS))
         fit, error = _compared(v, used, sums[1], book, place[:some], noise, fit)
     return fit, error
 
