@@ -21,7 +21,7 @@ docs: $(VENV)/.docs  ## the pages, as HTML in out/docs
 # One thread of BLAS a worker: on busy cores a second one waits, a third of the CPU time of some files.
 MARKS = "not slow"
 test: $(VENV)/.dev  ## the tests of every day, on all cores; MARKS= all of them, MARKS=slow the others
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile -m $(or $(MARKS),"")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m $(or $(MARKS),"")
 
 lint: $(VENV)/.dev  ## ruff: rules and format
 	$(BIN)/ruff check

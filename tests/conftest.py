@@ -94,7 +94,8 @@ def _mark_rare_cases(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(tryfirst=True)  # before slow ones are left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark listed tests as expected to fail, and slow, as they protect nothing. One that passes is told
-    (XPASS) and goes from the list. Rare cases of families are slow, too.
+    (XPASS) and goes from the list. Rare cases of families are slow, too. Files with slow tests come first:
+    short ones leave no processor idle at the end.
     """
     _mark_rare_cases(items)
     missed = tomllib.loads(_MISSED.read_text(encoding="utf-8"))
@@ -103,3 +104,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if any(item.nodeid.startswith(prefix) for prefix in group["tests"]):
                 item.add_marker(pytest.mark.xfail(reason=group["reason"], strict=False))
                 item.add_marker(pytest.mark.slow)
+    long = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in long)

@@ -4,7 +4,7 @@ import os
 import platform
 import subprocess
 import textwrap
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from .decode_speed import decode_figures
 from .figures import Figure
 from .solver_figures import run_solver_times
 
-__all__ = ["PARTS", "write_page"]
+__all__ = ["PARTS", "sections_of", "table_of", "with_sections", "write_page"]
 
 SIZE, LIMITS = (480, 640), {"smooth": 17.0, "contact": 27.0}  # of live, two transforms at cells of 2 px
 _FIGURES = ("figure", "measured", "limit", "")
@@ -39,13 +39,24 @@ def write_page(folder: Path, parts: Iterable[str], progress: Progress = silent) 
     for done, (name, title, part) in enumerate(chosen):
         progress(name, done, len(chosen))
         with environment({} if part is _batch else ONE_THREAD):
-            made[title] = "\n".join([title, "", *part(folder)]).rstrip() + "\n"
+            made[title] = "\n".join([title, "", *part(folder)])
     path = folder / "benchmarks.md"
-    head, *old = path.read_text("utf-8").rstrip().split("\n## ")
-    sections = {text.partition("\n")[0]: text for text in old} | made
-    path.write_text("\n## ".join([head, *sections.values()]) + "\n", "utf-8")
+    with_sections(path, made)
     progress("", len(chosen), len(chosen))
     return path
+
+
+def sections_of(page: Path) -> tuple[str, dict[str, str]]:
+    """What stands before the sections of a page, and these by title, which each begins with."""
+    head, *old = page.read_text("utf-8").rstrip().split("\n## ")
+    return head, {text.partition("\n")[0]: text for text in old}
+
+
+def with_sections(page: Path, made: Mapping[str, str]) -> None:
+    """Write sections into a page in place of those of the same title, at its end where it has none."""
+    head, sections = sections_of(page)
+    parts = [text.rstrip() for text in (head, *(sections | {**made}).values())]
+    page.write_text("\n\n## ".join(parts) + "\n", "utf-8")
 
 
 def _codes(folder: Path) -> Iterator[str]:
@@ -62,7 +73,7 @@ def _codes(folder: Path) -> Iterator[str]:
         of = {condition: each for name, condition, each in found if name == scene}
         first = next(iter(of.values()))
         yield from (f"`{scene}`, {cols} x {rows} pixels:", "")
-        yield from _table(
+        yield from table_of(
             ("code", "pictures", "CPU time", *of),
             (
                 (name, str(row.frames), _seconds(row), *(_error(each[name][1]) for each in of.values()))
@@ -103,7 +114,7 @@ def _live(_: Path) -> Iterator[str]:
     text = """frames of an independent renderer, noise of 1.5 levels; time over a pair of float32 cosine
     transforms."""
     yield from _head("live", text)
-    yield from _table(_LIVE, map(_frame, live_rows(SIZE, (2, 4), 1)))
+    yield from table_of(_LIVE, map(_frame, live_rows(SIZE, (2, 4), 1)))
 
 
 def _frame(row: LiveRow) -> Iterator[str]:
@@ -141,10 +152,10 @@ def _figures(figures: Iterable[Figure]) -> Iterator[str]:
         missed = "" if one.met else ", missed"
         return one.name, number(one.value, one.unit), one.limits() + missed, one.note
 
-    return _table(_FIGURES, map(cells, figures))
+    return table_of(_FIGURES, map(cells, figures))
 
 
-def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+def table_of(header: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     names = list(header)
     yield f"| {' | '.join(names)} |"
     yield "|" + "---|" * len(names)

@@ -6,11 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["FALSE_HEADS", "MISSED_HEADS", "Row", "false_alarms", "misses", "section", "with_section"]
+from ..figures.page import sections_of, table_of, with_sections
+
+__all__ = ["FALSE_HEADS", "MISSED_HEADS", "Row", "false_alarms", "misses", "with_section"]
 
 FALSE_HEADS = ("part", "test", "limit", "right captures", "false alarms", "of kind")
 MISSED_HEADS = ("part", "fault", "named by", "wrong captures", "missed")
-_TITLE = "## Judgements"
+_TITLE = "Judgements"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,22 +60,12 @@ def _limit(some: Sequence[Row]) -> str:
 
 
 def with_section(page: Path, rows: Sequence[Row], command: str) -> None:
-    """Write the tables into a page in place of its section, at its end where it has none; lines of other
-    parts stay."""
-    before, old, after = section(page)
+    """Write the tables into a page in place of its section; lines of other parts stay."""
+    old = sections_of(page)[1].get(_TITLE, "").splitlines()
     parts = {"part", *(row.part for row in rows)}
-    stay = [line for line in old.splitlines() if line[:2] == "| " and line[2:].split(" |")[0] not in parts]
+    stay = [line for line in old if line[:2] == "| " and line[2:].split(" |")[0] not in parts]
     lines = [_TITLE, "", f"`{command}`: tests of captures and results, on right and on wrong ones.", ""]
     for heads, cells in ((FALSE_HEADS, false_alarms(rows)), (MISSED_HEADS, misses(rows))):
-        lines += [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-        lines += [line for line in stay if line.count("|") == len(heads) + 1]
-        lines += [*(f"| {' | '.join(line)} |" for line in cells), ""]
-    text = f"{before.rstrip()}\n\n" + "\n".join(lines) + (f"\n{after}" if after else "")
-    page.write_text(text, "utf-8")
-
-
-def section(page: Path) -> tuple[str, str, str]:
-    """What stands before the section of a page, the section and what follows it."""
-    before, title, rest = page.read_text("utf-8").partition(f"{_TITLE}\n")
-    inside, following, after = rest.partition("\n## ")
-    return before, title + inside, following[1:] + after
+        named, ruled, *new = table_of(heads, cells)
+        lines += [named, ruled, *(line for line in stay if line.count("|") == len(heads) + 1), *new, ""]
+    with_sections(page, {_TITLE: "\n".join(lines)})
