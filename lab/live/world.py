@@ -9,7 +9,7 @@ over the outer tenth before x = L0, except in a world that is elastic (`fading`)
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,12 +59,8 @@ class World:
 
     def lights(self, dents: ArrayLike, sequence: Sequence, side: int = 4) -> NDArray[np.float32]:
         """Light (N, H, W) of every frame of a sequence, 1: all of a lit cell's."""
-        tables = []
-        for k in range(len(sequence)):
-            cells = np.pad(sequence.render_frame(k).astype(np.float32) / 255, 4)
-            wide = np.kron(cells, np.ones((_FINE, _FINE), np.float32))
-            tables.append(gaussian_filter(wide, self.blur * _FINE, truncate=5))
-        light: NDArray[np.float32] = self._run(dents, side, np.stack(tables))[0]
+        tables = np.stack([_table(sequence, k, self.blur) for k in range(len(sequence))])
+        light: NDArray[np.float32] = self._run(dents, side, tables)[0]
         return light
 
     def truth(self, dents: ArrayLike) -> Floats:
@@ -109,6 +105,14 @@ def photons(light: NDArray[np.float32], rng: np.random.Generator, electrons: flo
     """uint8 frames of light through a camera with photon noise, so many electrons a level."""
     levels = rng.poisson(electrons * (8.0 + 216.0 * light)) / electrons
     return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
+@lru_cache(maxsize=2)
+def _table(sequence: Sequence, index: int, blur: float) -> NDArray[np.float32]:
+    """A frame's pattern, blurred; a stream shows one for all of its pictures."""
+    cells = np.pad(sequence.render_frame(index).astype(np.float32) / 255, 4)
+    wide = np.kron(cells, np.ones((_FINE, _FINE), np.float32))
+    return np.asarray(gaussian_filter(wide, blur * _FINE, truncate=5))
 
 
 @cache
