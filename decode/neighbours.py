@@ -153,7 +153,7 @@ def neighbours(block: Block, image: Span, dof: int, limits: F32, start: int, res
     _confirmed(block, limits, image, found, sure)
     windows = _windows(found == 0) if found[image[0] : image[1]].any() else _whole(n, width, *image)
     result.flags[start : start + n - 2 * HALO] = found[HALO : n - HALO]
-    work = np.zeros((9, width + 6), np.float32)
+    work = np.zeros((10, width + 6), np.float32)
     rings = np.zeros((4 * axes + 1, 8, width + 6), np.float32)
     _excess(block, windows, limits, np.float32(dof), image, start, result, rings, work, sure)
 
@@ -281,11 +281,12 @@ def _excess(
     """Places without their aperture, sigma with its excesses over noise.
 
     Row k joins the sums of its neighbourhoods, those of row k - 3 are then whole. Sums of rows lie in rings
-    (4 A + 1, 8, W + 6) of 8; lines of one row, work (9, W + 6), have 0 beside it; slow (W,)."""
+    (4 A + 1, 8, W + 6) of 8; lines of one row, work (10, W + 6), have 0 beside it, the last one only these;
+    slow (W,)."""
     (axes, n, _), (place, variance, amplitude, chi2, _) = block.place.shape, block
     full, clean, (coordinate, sigma, _) = windows[_FULL], windows[_CLEAN], result
     residual, across, fall, inner, flat, off = rings[0], work[0], work[1], work[2], work[3], work[4]
-    column, inflation, third, bracket = work[5], work[6], work[7], work[8]
+    column, inflation, third, bracket, none = work[5], work[6], work[7], work[8], work[9]
     for k in range(1, n - 1):
         y, r, to = k - 3, k - 3 - HALO, start + k - 3 - HALO
         _residuals(chi2[k], windows[_CLEAN, k], dof, residual[k & 7])
@@ -293,9 +294,9 @@ def _excess(
             _inflation(residual, y, chi2[y], windows[_NUMBER, y], dof, column, inflation)
         for a in range(axes):
             p, v, own = place[a], variance[a], limits[a]
-            if own[5] == ZERO:
+            if own[5] == ZERO:  # places are cells
                 if r >= 0:
-                    _inflated(p[y], v[y], inflation, coordinate[a, to], sigma[a, to])
+                    _result(p[y], v[y], inflation, none, none, own, (coordinate[a, to], sigma[a, to]))
                 continue
             own_rings = rings[4 * a + 1 :]
             rows, cols, rest, bend = own_rings[0], own_rings[1], own_rings[2], own_rings[3]
@@ -342,15 +343,6 @@ def _inflation(
         level = level if level > mean else ONE
         one = one if one > alone else ONE
         inflation[x] = level if level > one else one
-
-
-@inner
-def _inflated(place: F32, variance: F32, inflation: F32, coordinate: F32, sigma: F32) -> None:
-    """Places that are cells."""
-    for x in range(place.size):
-        coordinate[x] = place[x]
-    for x in range(place.size):
-        sigma[x] = np.sqrt(max(variance[x] * inflation[x], _LEAST))
 
 
 @inner

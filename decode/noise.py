@@ -55,14 +55,16 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Pixels in runs along rows: places (K, 2) row, column; linear levels (N, K) float32, NaN: saturated."""
+    """Pixels in runs along rows: places (K, 2) row, column; linear levels (N, K) float32, NaN: saturated; raw
+    ones (N, K)."""
 
     places: NDArray[np.int64]
     levels: F32
+    raw: NDArray[Any]
 
     def only(self, keep: Any) -> "Sample":
         """Select pixels."""
-        return Sample(self.places[keep], self.levels[:, keep])
+        return Sample(self.places[keep], self.levels[:, keep], self.raw[:, keep])
 
     def adjacent(self, count: int) -> NDArray[np.int64]:
         """First pixels (T,) of so many adjacent ones in a row."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from .effects import View, lag, leak, motion, shared, stripes
 from .frames import Light, Settings, raw_at, sample_places
 from .neighbours import BLURRED, EITHER, HALO, SETTLE, Beside, Block, Result, axis_limits, neighbours, settle
 from .noise import Noise, Sample, fit_noise
-from .pixels import AxisTable, Maps, pixel_rows
+from .pixels import AxisNumbers, AxisTable, Maps, pixel_rows
 from .plan import AxisPlan, Fringe, Plan, constraints, plan
 from .profile import AxisProfile, Estimates, Sampled
 from .rims import beyond_rims
@@ -79,9 +78,9 @@ def lit_pixels(light: Light, inside: Mask, wider: int = 1) -> tuple[I64, NDArray
 
 
 def lit_sample(light: Light, inside: Mask, wider: int = 1) -> Sample:
-    """Their linear levels."""
+    """With their linear levels."""
     places, raw = lit_pixels(light, inside, wider)
-    return Sample(places, light.linear(raw))
+    return Sample(places, light.linear(raw), raw)
 
 
 def estimated(
@@ -132,19 +131,19 @@ def _estimated(
 ) -> tuple[Correspondence, Prepared, Verdict]:
     """Decoded in a mask, by a profile of the pixels inside of another."""
     looked_up = any(axis.looked_up for axis in plan(sequence).axes)
-    sample = lit_sample(light, inside, _WIDER if looked_up else 1)
-    ready = prepared(sequence, settings, _estimate(light, sequence, settings, inside, sample))
-    ready = ready._replace(
-        profile=ready.profile._replace(sampled=_statistics(light, ready, raw_at(light, sample.places)))
-    )
+    wide = lit_sample(light, inside, _WIDER)
+    sample = wide if looked_up else lit_sample(light, inside)
+    ready = prepared(sequence, settings, _estimate(light, sequence, settings, sample, wide))
+    ready = ready._replace(profile=ready.profile._replace(sampled=_statistics(light, ready, sample.raw)))
     found, verdict = _tested(light, sequence, ready, mask)
     return found, ready, verdict
 
 
-def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, sample: Sample) -> Estimates:
+def _estimate(
+    light: Light, sequence: Sequence, settings: Settings, sample: Sample, wide: Sample
+) -> Estimates:
     """Noise and misfits, then every effect: one corrects the levels, the others add to the variance."""
     p = plan(sequence)
-    wide = sample if any(axis.looked_up for axis in p.axes) else lit_sample(light, mask, _WIDER)
     if settings.noise is not None:
         noise = Noise(settings.noise**2 + light.rounding, settings.gain)
     else:
@@ -159,12 +158,11 @@ def _estimate(light: Light, sequence: Sequence, settings: Settings, mask: Mask, 
 
     def viewed(profile: Estimates, sample: Sample, wide: Sample) -> tuple[View, Estimates]:
         profile = _with_misfits(profile, sequence, settings, sample, look_ups)
-        if settings.noise is None:
-            every = zip(
-                profile.axes, p.axes, _places(light, sequence, settings, profile, sample), strict=True
-            )
+        if settings.noise is None and any(axis.fringes[1:] for axis in p.axes):
+            found = _places(light, prepared(sequence, settings, profile), sample)
+            every = zip(profile.axes, p.axes, found, strict=True)
             profile = profile._replace(axes=tuple(_between(*one, sample, noise) for one in every))
-        places = partial(_places, light, sequence, settings, profile)
+        places = lambda of: _places(light, prepared(sequence, settings, profile), of)  # noqa: E731
         return View(p, noise, sample, wide, places, lens), profile
 
     lens = BLURRED if settings.lens_px is None else 0.0
@@ -195,11 +193,11 @@ def _with_misfits(
     return profile._replace(axes=tuple(own))
 
 
-def _places(light: Light, sequence: Sequence, settings: Settings, profile: Estimates, sample: Sample) -> F64:
+def _places(light: Light, ready: Prepared, sample: Sample) -> F64:
     """Places (A, K) of sample pixels, pattern px; NaN where flagged."""
     if not len(sample.places):
-        return np.zeros((len(profile.axes), 0))
-    maps = _sampled(light, prepared(sequence, settings, profile), raw_at(light, sample.places))
+        return np.zeros((len(ready.axes), 0))
+    maps = _sampled(light, ready, sample.raw)
     return np.where(maps.flags[0] == 0, maps.place[:, 0].astype(np.float64), np.nan)
 
 
@@ -317,21 +315,17 @@ def _orders(axis: AxisPlan, own: AxisProfile) -> Orders:
 def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prepared:
     """The decoder of a profile."""
     p = plan(sequence)
-    axes, own, f32 = p.axes, profile.axes, np.float32
+    axes, own = p.axes, profile.axes
     some = any(effect.name == "lag" for effect in profile.effects)
     matrix = lag.matrix(profile.effects, p) if some else None
     tables = tuple(
         AxisTable(
-            fringe_table(axis.fringes, own[k].misfits, matrix),
+            *fringe_table(axis.fringes, own[k].misfits, matrix),
             code,
             _orders(axis, own[k]),
+            _numbers(axis, own[k], k),
             axis.looked_up,
             own[k].deviation > 0,
-            f32(2 / len(axis.fringes[-1].index) if axis.fringes else 0.5),
-            f32(own[k].variance),
-            f32(axis.extent),
-            f32(max(1 - axis.fringes[0].period / axis.extent, 0) if axis.fringes and not axis.code else 0),
-            np.int32(_either(axis, k)),
         )
         for k, (axis, code) in enumerate(zip(axes, bit_tables(p, list(axes)), strict=True))
     )
@@ -346,6 +340,13 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     for table, line in zip(look_ups, limits, strict=True):
         line[0] = line[0] if table is None else table.jump
     return Prepared(axes, profile, tables, dof, limits, look_ups, matrix)
+
+
+def _numbers(axis: AxisPlan, own: AxisProfile, number: int) -> AxisNumbers:
+    factor = 2 / len(axis.fringes[-1].index) if axis.fringes else 0.5
+    beyond = max(1 - axis.fringes[0].period / axis.extent, 0) if axis.fringes and not axis.code else 0
+    some: list[Any] = [np.float32(one) for one in (factor, own.variance, axis.extent, beyond)]
+    return AxisNumbers(*some, *[np.int32(_either(axis, number))])
 
 
 def _either(axis: AxisPlan, number: int) -> int:
@@ -376,7 +377,7 @@ def _statistics(light: Light, ready: Prepared, raw: NDArray[Any]) -> Sampled:
 
 def _sampled(light: Light, ready: Prepared, raw: NDArray[Any]) -> Maps:
     """Sample pixels (N, K) decoded as a row of an image."""
-    few = replace(light, raw=raw[:, None])
+    few = replace(light, raw=np.ascontiguousarray(raw)[:, None])  # in another order all is compiled anew
     maps, looked_up = _maps(len(ready.axes), 1, raw.shape[1]), _looked_up(few, ready, 0, 1)
     pixel_rows(few.numbers, _noise(ready), ready.tables, looked_up, (0, 1, 0, 1), 0, maps)
     return maps
@@ -400,7 +401,7 @@ def _looked_up(light: Light, ready: Prepared, start: int, stop: int) -> Lines:
     light = _corrected(light, ready, light.raw[:, start:stop]) if some else light
     for a, table in enumerate(ready.look_ups):
         if table is not None:
-            either, lines = int(ready.tables[a].either), Lines(*(one[a] for one in out))
+            either, lines = int(ready.tables[a].numbers.either), Lines(*(one[a] for one in out))
             lookup_rows(light, ready.profile.noise, table, either, lines)
     return out
 
@@ -456,7 +457,7 @@ def _mapped(light: Light, ready: Prepared, mask: Mask) -> tuple[Correspondence, 
     flags = np.empty((rows, cols), np.uint16)
     residual = np.empty((-(-rows // EVERY), -(-cols // EVERY)), np.float32)
     most = int(np.clip(_CACHE // (4 * cols * (2 * axes + 2)), 16, 128))
-    open_orders = any(table.either >= EITHER[0] for table in ready.tables)
+    open_orders = any(table.numbers.either >= EITHER[0] for table in ready.tables)
     halo = HALO + SETTLE if open_orders else HALO
     result = Result(coordinate, sigma, flags)
     periods = np.array([_period(*one) for one in zip(ready.axes, ready.look_ups, strict=True)], np.float32)

@@ -1,21 +1,21 @@
 """Levels of one pixel -> place, variance, amplitude, residual, flags; row by row, in lines that stay in the
 core's first cache."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, HALF, I32, ZERO, inlined, inner, kernel
+from optolever.kernels import F32, F64, HALF, I32, ZERO, inlined, inner, kernel
 
 from .codes.bits import BitTable, ends_row, read_row
-from .codes.fringe import FringeTable, fit_row
+from .codes.fringe import CLIPPED, FringeTable, fit_row, refitted
 from .codes.lookup import Lines
 from .codes.orders import Orders, climb_row, compare_row, join_row, start_row
 from .correspondence import Flag
 from .frames import RawFrames
 
-__all__ = ["AxisTable", "Maps", "pixel_rows"]
+__all__ = ["AxisNumbers", "AxisTable", "Maps", "pixel_rows"]
 
 U16 = NDArray[np.uint16]
 #: Modulation over its noise below which a pixel is flagged: noise alone reaches it once in 3.7e-6.
@@ -28,22 +28,29 @@ _DARK, _LOW, _OFF = np.int32(Flag.DARK), np.int32(Flag.LOW_CONTRAST), np.int32(F
 _INVALID, _ORDER = np.int32(Flag.INVALID), np.int32(Flag.ORDER_DOUBTFUL)
 
 
-class AxisTable(NamedTuple):
-    """An axis for kernels. given: its place comes from a look-up; close: its periods are close; factor:
-    variance of the amplitude over a sample's; more: variance of every place, px^2; extent: of the surface,
-    px; beyond: share of the surface that the coarsest period does not cover; either: flags where two orders
-    fit the interval of a code, see neighbours.settle."""
+class AxisNumbers(NamedTuple):
+    """factor: variance of the amplitude over a sample's; more: variance of every place, px^2; extent: of the
+    surface, px; beyond: share of the surface that the coarsest period does not cover; either: flags where two
+    orders fit the interval of a code, see neighbours.settle."""
 
-    fringes: FringeTable
-    bits: BitTable
-    orders: Orders
-    given: bool
-    close: bool
     factor: np.float32
     more: np.float32
     extent: np.float32
     beyond: np.float32
     either: np.int32
+
+
+class AxisTable(NamedTuple):
+    """An axis. designs: of fringe_table(); given: its place comes from a look-up; close: its periods are
+    close."""
+
+    fringes: FringeTable
+    designs: F64
+    bits: BitTable
+    orders: Orders
+    numbers: AxisNumbers
+    given: bool
+    close: bool
 
 
 class Maps(NamedTuple):
@@ -68,18 +75,38 @@ def pixel_rows(
     rows: tuple[int, int, int, int],
     at: int,
     out: Maps,
+    known: list[F32] | None = None,
 ) -> None:
     """Decode rows start..stop of the frames into a block's rows from `at` on, and into the image's from
-    `first` to `last`; rows: start, stop, first, last; looked_up: (A, n, W) of look-ups."""
+    `first` to `last`; rows: start, stop, first, last; looked_up: (A, n, W) of look-ups; known: fits of
+    clipped pixels by axis, see fit_row; without it these pixels are fitted, and decoded again as a row."""
+    none, (start, stop, first, last) = np.zeros((1, 4, 0), np.float32), rows
     width, count = light[0].shape[2], max(len(table.fringes.period) for table in tables)
     lines, words = np.zeros((15 + 2 * count, width), np.float32), np.zeros((3, width), np.int32)
-    top = np.zeros(width, light[0].dtype)
+    top, fits = np.zeros(width, light[0].dtype), known or [none] * len(tables)
     for a, table in enumerate(tables):
         if table.given:
-            _given_rows(noise, table, _DIM * light[2], looked_up, rows, (a, at), out, lines, words[2])
+            _given_rows(noise, table.numbers, _DIM * light[2], looked_up, rows, (a, at), out, lines, words[2])
         else:  # apart: each is compiled where it is needed
-            decoded = _close_rows if table.close else _axis_rows
-            decoded(*light, noise, table, rows, (a, at), out, lines, words, top)
+            one = *light, noise, table.fringes, table.numbers, rows, (a, at), fits[a], out, lines, words, top
+            _close_rows(*one, table.orders) if table.close else _axis_rows(*one, table.bits)
+    row, col = np.nonzero(out.flags[at : at + stop - start] & CLIPPED)
+    if not row.size:
+        return
+    few = np.ascontiguousarray(light[0][:, row + start, col])
+    own = few, *light[1:], noise
+    fits = [none if table.given else refitted(*own, table.fringes, table.designs) for table in tables]
+    some: list[Any] = [one if one.size == 1 else one[:, None, row, col] for one in looked_up]
+    whole: list[Any] = [*out]
+    again: list[Any] = [np.zeros((*one.shape[:-2], 1, row.size), one.dtype) for one in out]
+    one_row = (few[:, None], *light[1:]), noise, tables, Lines(*some), (0, 1, 0, 1), 0
+    pixel_rows(*one_row, Maps(*again), fits)
+    shown = (row >= first - start) & (row < last - start)
+    for k, (into, found) in enumerate(zip(whole, again, strict=True)):
+        if k < 5:  # of the block
+            into[..., row + at, col] = found[..., 0, :]
+        else:
+            into[row[shown] + start, col[shown]] = found[0, shown]
 
 
 @inlined
@@ -100,19 +127,21 @@ def _axis_rows(
     table: F32 | None,
     clip: np.float32,
     noise: tuple[np.float32, np.float32],
-    axis: AxisTable,
+    fringes: FringeTable,
+    axis: AxisNumbers,
     rows: tuple[int, int, int, int],
     at: tuple[int, int],
+    known: F32,
     out: Maps,
     lines: F32,
     words: I32,
     top: RawFrames,
+    code: BitTable,
 ) -> None:
     """An axis of a code or a ladder of periods, `at[0]`; flags, chi2, error of both. lines (15 + 2 K, W),
     words (3, W), top (W,)."""
     (start, stop, first, last), (a, begin) = rows, at
-    fringes, code, width = axis.fringes, axis.bits, raw.shape[2]
-    count, bits, flags = fringes.period.size, code.plain.size, words[2]
+    count, bits, flags, width = fringes.period.size, code.plain.size, words[2], raw.shape[2]
     offset, amplitude, low, high, reach = lines[0], lines[1], lines[2], lines[3], lines[4]
     phase, own = lines[10], lines[11]
     for y in range(start, stop):
@@ -121,7 +150,7 @@ def _axis_rows(
         _begun(a > 0, shown, out.flags[to], flags, chi2, error)
         for k in range(max(count, min(bits, 1))):
             if k < count:
-                fit = lines[6:10], top, offset, amplitude, phase, own
+                fit = known, lines[6:10], top, offset, amplitude, phase, own
                 fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
             if k == 0 and bits:
                 if code.fringe:
@@ -158,30 +187,33 @@ def _close_rows(
     table: F32 | None,
     clip: np.float32,
     noise: tuple[np.float32, np.float32],
-    axis: AxisTable,
+    fringes: FringeTable,
+    axis: AxisNumbers,
     rows: tuple[int, int, int, int],
     at: tuple[int, int],
+    known: F32,
     out: Maps,
     lines: F32,
     words: I32,
     top: RawFrames,
+    orders: Orders,
 ) -> None:
     """An axis of close periods; see _axis_rows."""
     (start, stop, first, last), (a, begin), flags = rows, at, words[2]
-    count, offset, amplitude, wrong = axis.fringes.period.size, lines[0], lines[1], lines[12]
+    count, offset, amplitude, wrong = fringes.period.size, lines[0], lines[1], lines[12]
     phases, own = lines[15 : 15 + count], lines[15 + count : 15 + 2 * count]
     for y in range(start, stop):
         to, shown = begin + y - start, first <= y < last
         place, variance, coarse, chi2, error, least, mean = _rows_of(out, lines, a, to, y, shown)
         _begun(a > 0, shown, out.flags[to], flags, chi2, error)
         for k in range(count):
-            fit = lines[6:10], top, offset, amplitude, phases[k], own[k]
-            fit_row(raw, table, clip, noise, axis.fringes, (k, y), *fit, chi2, flags)
+            fit = known, lines[6:10], top, offset, amplitude, phases[k], own[k]
+            fit_row(raw, table, clip, noise, fringes, (k, y), *fit, chi2, flags)
             if k == 0:
                 for x in range(coarse.size):
                     coarse[x] = amplitude[x]
         rest = words[0], place, variance, wrong, chi2, flags
-        compare_row(phases, own, axis.fringes.period, axis.orders, lines[6:12], *rest)
+        compare_row(phases, own, fringes.period, orders, lines[6:12], *rest)
         for x in range(coarse.size):
             error[x] = max(error[x], wrong[x])
         _judged(noise, axis, _DIM * clip, amplitude, offset, place, variance, flags)
@@ -191,7 +223,7 @@ def _close_rows(
 @kernel
 def _given_rows(
     noise: tuple[np.float32, np.float32],
-    axis: AxisTable,
+    axis: AxisNumbers,
     dim: np.float32,
     of: Lines,
     rows: tuple[int, int, int, int],
@@ -238,7 +270,7 @@ def _ended(second: bool, amplitude: F32, offset: F32, flags: I32, out: U16, leas
 @inner
 def _judged(
     noise: tuple[np.float32, np.float32],
-    axis: AxisTable,
+    axis: AxisNumbers,
     dim: np.float32,
     amplitude: F32,
     offset: F32,

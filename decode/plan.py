@@ -11,7 +11,7 @@ from optolever.errors import InputError
 from optolever.kernels import F64
 from optolever.patterns import BINARY_CODES, Frame, Packing, Sequence, code_words
 
-__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "plan"]
+__all__ = ["AxisPlan", "Code", "Fringe", "Plan", "Stripes", "constraints", "harmonics", "plan"]
 
 #: Fewest places of a stripe along an axis.
 _PLACES = 5
@@ -42,18 +42,22 @@ class Fringe:
         return np.ascontiguousarray(np.linalg.qr(self.design, mode="complete")[0][:, 3:].T)
 
     def harmonics(self, levels: F64) -> F64:
-        """Terms (9, K) of a smooth response's harmonics in samples (N, K): 1, offset, amplitude, and the
-        amplitude times cosine and sine of one to three times the phase."""
-        offset, c, s = self.inverse @ levels
-        wave, amplitude = c + 1j * s, np.hypot(c, s)
-        unit = wave / np.maximum(amplitude, 1e-9)
-        waves = wave, wave * unit, wave * unit * unit
-        parts = [part for one in waves for part in (one.real, one.imag)]
-        return np.stack([np.ones_like(offset), offset, amplitude, *parts])
+        """Terms (9, K) of harmonics() in samples (N, K)."""
+        return harmonics(*self.inverse @ levels)
 
     def few(self) -> bool:
         """Whether there are fewer than three different shifts, too few for a phase."""
         return len(np.unique(np.round(np.mod(self.shifts, 2 * np.pi), 6))) < 3
+
+
+def harmonics(offset: F64, c: F64, s: F64) -> F64:
+    """Terms (9, K) of a smooth response's harmonics in fits (K,): 1, offset, amplitude, and the amplitude
+    times cosine and sine of one to three times the phase."""
+    wave, amplitude = c + 1j * s, np.hypot(c, s)
+    unit = wave / np.maximum(amplitude, 1e-9)
+    waves = wave, wave * unit, wave * unit * unit
+    parts = [part for one in waves for part in (one.real, one.imag)]
+    return np.stack([np.ones_like(offset), offset, amplitude, *parts])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

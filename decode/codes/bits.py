@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optolever.kernels import F32, HALF, I32, I64, ZERO, exact, kernel
+from optolever.kernels import F32, HALF, I32, I64, ZERO, inner, kernel
 
 from ..correspondence import Flag
 from ..frames import RawFrames, level_of
@@ -200,7 +200,7 @@ def read_row(
         error[x] = max(error[x], one if wide != none else ZERO)
 
 
-@exact
+@inner
 def _unsure(
     raw: RawFrames,
     table: F32 | None,

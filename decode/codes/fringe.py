@@ -7,24 +7,26 @@ the residuals, but shift no phase by it. So what residuals of a sample share wit
 first three harmonics of the phase is regressed out of them; the rest of the bulk scales the phase's variance.
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optolever.kernels import F32, F64, I32, I64, ONE, ZERO, exact, inlined, kernel
+from optolever.kernels import F32, F64, I32, I64, ONE, ZERO, inlined, kernel
 
 from ..correspondence import Flag
 from ..frames import RawFrames, Response, level_of
 from ..noise import Noise, Sample, regression
-from ..plan import Fringe
+from ..plan import Fringe, harmonics
 
 __all__ = [
-    "FringeTable", "Misfit", "bent", "fit_row", "fringe_table", "measure_misfit", "straightened",
-    "three_step_aliasing",
+    "CLIPPED", "FringeTable", "Misfit", "bent", "fit_row", "fringe_table", "measure_misfit", "refitted",
+    "straightened", "three_step_aliasing",
 ]  # fmt: skip
 
 _SATURATED = np.int32(Flag.SATURATED)
+#: Flag of a pixel with saturated samples that is to be fitted to the others; no place keeps it.
+CLIPPED = np.int32(1 << 11)
 _TWO = np.float32(2)
 _TINY = np.float32(1e-6)
 _CYCLES2 = np.float32(1 / (4 * np.pi**2))
@@ -37,8 +39,6 @@ _FEWEST, _MOST, _MEDIAN, _WORTH = 64, 4096, 0.4549, 1.1
 _SURE, _RANK = 4.0, 1e-2
 #: Weight of a frame that is left out of a lag's correction, share of the noise that costs nothing.
 _NEGLIGIBLE = 3e-4
-#: Fits of a clipped pixel.
-_REFITS = 3
 #: Phases of a bend; harmonics of a display's light; relative error of its blur.
 _BEND, _HARMONICS, _BLUR = 4096, 16, 0.1
 #: Terms of the harmonics: 1, offset, amplitude, cosine and sine of one to three times the phase.
@@ -61,53 +61,43 @@ class FringeTable(NamedTuple):
     """K fringes of an axis for kernels, coarse to fine: N samples, rounded up to groups of four; M residuals,
     one at least.
 
-    period (K,); frames (K, N); weights (K, 3 + M, N) of offset, c, s, residuals; design (K, N, 3); least
-    (K,): determinant of too few samples; covariance (K, 3) of c and s; scale, more (K,): of the variance,
-    cycles^2; terms (K, M, 9), regressed out; harmonic (K,): whether they are; bend (K, 2, B): see Misfit
+    period (K,); frames (K, N); weights (K, 3 + M, N) of offset, c, s, residuals; numbers (K, 6): variances
+    of c, covariance, of s, scale of the phase's variance, what adds to it, cycles^2, and whether harmonics
+    are regressed out; terms (K, M, 9) of these; bend (K, 2, B): see Misfit
     """
 
     period: F32
     frames: I64
     weights: F32
-    design: F64
-    least: F64
-    covariance: F32
-    scale: F32
-    more: F32
+    numbers: F32
     terms: F32
-    harmonic: NDArray[np.bool_]
     bend: F32
 
 
-def fringe_table(fringes: tuple[Fringe, ...], misfits: tuple[Misfit, ...], matrix: F64 | None) -> FringeTable:
-    """matrix (F, F): levels of the frames are corrected by it (lag), None: not."""
+def fringe_table(
+    fringes: tuple[Fringe, ...], misfits: tuple[Misfit, ...], matrix: F64 | None
+) -> tuple[FringeTable, F64]:
+    """With the design (K, N, 3) of the samples; matrix (F, F): levels of the frames are corrected by it
+    (lag), and have none; None: not."""
     count, samples = len(fringes), [_samples(fringe, matrix) for fringe in fringes]
     groups = max((len(index) + 3 for index, _ in samples), default=4) // 4 * 4
     most = max((len(weights) for _, weights in samples), default=4)
     frames, weights = np.zeros((count, groups), np.int64), np.zeros((count, max(most, 4), groups))
-    design, covariance = np.zeros((count, groups, 3)), np.zeros((count, 3))
+    design, numbers = np.zeros((count, groups, 3)), np.zeros((count, 6))
     terms = np.zeros((count, max(most, 4) - 3, _TERMS))
     for k, (fringe, (index, own), misfit) in enumerate(zip(fringes, samples, misfits, strict=True)):
         frames[k] = np.pad(index, (0, groups - len(index)), mode="edge")
         weights[k, : len(own), : len(index)] = own
-        cov = own[1:3] @ own[1:3].T
-        covariance[k] = cov[0, 0], cov[0, 1], cov[1, 1]
+        cov = own[1:3] @ own[1:3].T * _CYCLES2
+        numbers[k] = cov[0, 0], cov[0, 1], cov[1, 1], misfit.scale, misfit.variance, misfit.terms.any()
         terms[k, : len(misfit.terms)] = misfit.terms
         if matrix is None:
             design[k, : len(index)] = fringe.design
+    bend = np.stack([np.zeros((2, 0)), *(m.bend for m in misfits)][min(count, 1) :])[:count]
+    period = np.array([fringe.period for fringe in fringes], np.float32)
     return FringeTable(
-        np.array([fringe.period for fringe in fringes], np.float32),
-        frames,
-        weights.astype(np.float32),
-        design,
-        _DEGENERATE * np.maximum(np.linalg.det(design.swapaxes(1, 2) @ design), 1e-9),
-        (covariance * _CYCLES2).astype(np.float32),
-        np.array([misfit.scale for misfit in misfits], np.float32),
-        np.array([misfit.variance for misfit in misfits], np.float32),
-        terms.astype(np.float32),
-        np.asarray(terms.any(axis=(1, 2))),
-        np.stack([np.zeros((2, 0)), *(m.bend for m in misfits)][min(count, 1) :]).astype(np.float32)[:count],
-    )
+        period, frames, *(one.astype(np.float32) for one in (weights, numbers, terms, bend))
+    ), design
 
 
 def _samples(fringe: Fringe, matrix: F64 | None) -> tuple[I64, F64]:
@@ -214,6 +204,7 @@ def fit_row(
     noise: tuple[np.float32, np.float32],
     fringe: FringeTable,
     at: tuple[int, int],
+    known: F32,
     work: F32,
     top: RawFrames,
     offset: F32,
@@ -224,11 +215,12 @@ def fit_row(
     flags: I32,
 ) -> None:
     """Fit fringe k in row y of the frames, at = (k, y): offset, amplitude (levels), phase (cycles) and its
-    variance; add its residuals to chi2. Where samples are saturated the others count, flagged where too few
-    stay. work (4, W): c, s, a residual, one over its variance; finite, as offset."""
+    variance; add its residuals to chi2. Where samples are saturated known (F, 4, W) of refitted() counts,
+    without it (F, 4, 0) it is CLIPPED. work (4, W): c, s, residual, one over its variance; finite."""
     (read2, gain), (k, y), width, index, w = noise, at, chi2.size, fringe.frames, fringe.weights
-    scale, more, covariance, terms = fringe.scale[k], fringe.more[k], fringe.covariance, fringe.terms
-    cc, cs, ss = covariance[k, 0], _TWO * covariance[k, 1], covariance[k, 2]
+    numbers, terms = fringe.numbers, fringe.terms
+    cc, cs, ss = numbers[k, 0], _TWO * numbers[k, 1], numbers[k, 2]
+    scale, more, harmonic = numbers[k, 3], numbers[k, 4], numbers[k, 5] > ZERO
     for x in range(width):
         top[x] = 0
     for g in range(0, index.shape[1], 4):
@@ -262,6 +254,11 @@ def fit_row(
     if brightest >= clip:
         for x in range(width):
             work[3, x] = ZERO if top[x] >= clip else work[3, x]
+            if top[x] >= clip and known.shape[2] and known[k, 3, x] > ZERO:
+                offset[x], amplitude[x] = known[k, 0, x], known[k, 1, x]
+                phase[x], variance[x] = known[k, 2, x], known[k, 3, x]
+            elif top[x] >= clip:
+                flags[x] |= _SATURATED if known.shape[2] else CLIPPED
     for j in range(terms.shape[1]):
         for g in range(0, index.shape[1] if j else 0, 4):  # the first one is known
             i0, i1, i2, i3 = index[k, g], index[k, g + 1], index[k, g + 2], index[k, g + 3]
@@ -271,25 +268,19 @@ def fit_row(
                 two = w0 * level_of(raw[i0, y, x], table) + w1 * level_of(raw[i1, y, x], table)
                 two += w2 * level_of(raw[i2, y, x], table) + w3 * level_of(raw[i3, y, x], table)
                 work[2, x] = before * work[2, x] + two
-        if not fringe.harmonic[k]:
+        if not harmonic:
             for x in range(width):
                 chi2[x] += work[2, x] * work[2, x] * work[3, x]
         else:
             t = terms[k, j]
             for x in range(width):
-                a = amplitude[x]
-                inverse = ONE / max(a, _TINY)
+                inverse = ONE / max(amplitude[x], _TINY)
                 h1, g1 = work[0, x] * inverse, work[1, x] * inverse
                 h2, g2 = h1 * h1 - g1 * g1, _TWO * h1 * g1
                 h3, g3 = h2 * h1 - g2 * g1, g2 * h1 + h2 * g1
                 wave = t[2] + t[3] * h1 + t[4] * g1 + t[5] * h2 + t[6] * g2 + t[7] * h3 + t[8] * g3
-                rest = work[2, x] - (t[0] + t[1] * offset[x] + a * wave)
+                rest = work[2, x] - (t[0] + t[1] * offset[x] + amplitude[x] * wave)
                 chi2[x] += rest * rest * work[3, x]
-    if brightest >= clip:
-        for x in range(width):
-            if top[x] >= clip:
-                enough = _refit(raw, table, clip, noise, fringe, at, x, (offset, amplitude, phase, variance))
-                flags[x] |= np.int32(0) if enough else _SATURATED
     if fringe.bend.shape[2]:
         for x in range(width):
             i = np.int32((phase[x] + np.float32(0.5)) * np.float32(_BEND)) % np.int32(_BEND)
@@ -298,55 +289,34 @@ def fit_row(
             variance[x] *= slope * slope
 
 
-@exact
-def _refit(
-    raw: RawFrames,
+def refitted(
+    raw: NDArray[Any],
     table: F32 | None,
     clip: np.float32,
     noise: tuple[np.float32, np.float32],
     fringe: FringeTable,
-    at: tuple[int, int],
-    x: int,
-    fit: tuple[F32, F32, F32, F32],
-) -> bool:
-    """Fit a clipped pixel to the samples that are not saturated, less the harmonics of that fit; whether
-    these are enough."""
-    (k, y), n = at, fringe.frames.shape[1]
-    index, design, rows, terms = fringe.frames[k], fringe.design[k], fringe.weights[k], fringe.terms[k]
-    m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        if raw[index[i], y, x] < clip:
-            a, b, c = design[i, 0], design[i, 1], design[i, 2]
-            m00, m01, m02 = m00 + a * a, m01 + a * b, m02 + a * c
-            m11, m12, m22 = m11 + b * b, m12 + b * c, m22 + c * c
-    i00, i01, i02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
-    i11, i12, i22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
-    det = m00 * i00 + m01 * i01 + m02 * i02
-    if not det > fringe.least[k]:
-        return False
-    o, c, s, amplitude, h1, g1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for step in range(_REFITS):
-        h2, g2 = h1 * h1 - g1 * g1, 2 * h1 * g1
-        h3, g3 = h2 * h1 - g2 * g1, g2 * h1 + h2 * g1
-        b0, b1, b2 = 0.0, 0.0, 0.0
-        for i in range(n):
-            if raw[index[i], y, x] < clip:
-                level = np.float64(level_of(raw[index[i], y, x], table))
-                for j in range(len(terms) if step else 0):
-                    t = terms[j]
-                    wave = t[2] + t[3] * h1 + t[4] * g1 + t[5] * h2 + t[6] * g2 + t[7] * h3 + t[8] * g3
-                    level -= (t[0] + t[1] * o + amplitude * wave) * rows[3 + j, i]
-                b0, b1, b2 = b0 + design[i, 0] * level, b1 + design[i, 1] * level, b2 + design[i, 2] * level
-        o, c = (i00 * b0 + i01 * b1 + i02 * b2) / det, (i01 * b0 + i11 * b1 + i12 * b2) / det
-        s = (i02 * b0 + i12 * b1 + i22 * b2) / det
-        amplitude = np.hypot(c, s)
-        h1, g1 = c / max(amplitude, 1e-30), s / max(amplitude, 1e-30)
-    power = max(c * c + s * s, 1e-6)
-    across = (i11 * s * s - 2 * i12 * c * s + i22 * c * c) / det
-    own = noise[0] + noise[1] * max(o, 0.0)
-    fit[0][x], fit[1][x], fit[2][x] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi)
-    fit[3][x] = fringe.more[k] + fringe.scale[k] * own * across / (2 * np.pi * power) ** 2
-    return True
+    designs: F64,
+) -> F32:
+    """Fits (F, 4, K) of pixels (N, K) to the samples that are not saturated, less the harmonics of that fit:
+    offset, amplitude, phase, variance; 0 where these are too few. designs (F, n, 3): of fringe_table()."""
+    found = np.zeros((len(fringe.period), 4, raw.shape[1]), np.float32)
+    for k, (index, design) in enumerate(zip(fringe.frames, designs, strict=True)):
+        scale, more, harmonic = fringe.numbers[k, 3:].tolist()
+        least = _DEGENERATE * max(float(np.linalg.det(design.T @ design)), 1e-9)
+        known, level = raw[index] < clip, raw[index] if table is None else table[raw[index]]
+        square = np.einsum("ni,nj,nk->kij", design, design, known)
+        some = np.flatnonzero(np.linalg.det(square) > least)
+        inverse, known = np.linalg.inv(square[some]), known[:, some]
+        level, less = level[:, some].astype(np.float64), np.zeros((len(index), len(some)))
+        for _ in range(3 if harmonic else 1):
+            o, c, s = np.einsum("kij,nj,nk->ik", inverse, design, known * (level - less))
+            less = fringe.weights[k, 3:].T @ (fringe.terms[k] @ harmonics(o, c, s))
+        power = np.maximum(c * c + s * s, 1e-6)
+        across = inverse[:, 1, 1] * s * s - 2 * inverse[:, 1, 2] * c * s + inverse[:, 2, 2] * c * c
+        own = scale * (noise[0] + noise[1] * np.maximum(o, 0.0))
+        variance = more + own * across / (2 * np.pi * power) ** 2
+        found[k][:, some] = o, np.sqrt(power), np.arctan2(s, c) / (2 * np.pi), variance
+    return found
 
 
 @inlined

@@ -91,7 +91,7 @@ def contradictions(
     wrong, shares = np.zeros(flags.shape, np.bool_), dict[str, float]()
     side = _TILE if flags.size <= _ALL else 2 * _TILE
     shape, first = tuple(-(-size // side) for size in flags.shape), _places(flags, side, 1)
-    for axis, (fringes, code, *_) in zip(p.axes, tables, strict=True):
+    for axis, (fringes, _, code, *_) in zip(p.axes, tables, strict=True):
         if axis.code is None or axis.looked_up or not axis.fringes or code.cell > _WIDE * fringes.period[0]:
             continue
         shares[axis.axis] = 0.0
@@ -141,7 +141,7 @@ def _view(
     lines, words, doubt = np.zeros((15, len(place)), np.float32), *np.zeros((2, 2, len(place)), np.int32)
     offset, amplitude, phase, variance, middle, reach, error, chi2, low, high = lines[5:]
     fit = lines[:4], np.zeros_like(few[0, 0]), offset, amplitude, phase, variance
-    fit_row(few, *light[1:], noise, fringe, (0, 0), *fit, chi2, doubt[0])
+    fit_row(few, *light[1:], noise, fringe, (0, 0), np.zeros((1, 4, 0), np.float32), *fit, chi2, doubt[0])
     if code.fringe:
         low[:], high[:] = offset - amplitude, offset + amplitude
     else:
