@@ -263,7 +263,3 @@ def robust_limits(values: NDArray[Any], share: float = 0.995, symmetric: bool = 
         return -limit, limit
     low, high = (float(q) for q in np.quantile(finite, (1 - share, share)))
     return (low, high) if high > low else (low - 0.5, high + 0.5)
-
-
-def _uri(data: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
