@@ -150,8 +150,7 @@ def _estimate(
         noise = fit_noise(p, sample, light.rounding)
     known = noise if settings.noise is not None or constraints(p, len(sequence)) else None
     look_ups = [
-        prepare(sequence, p, axis, light, wide, known, settings) if axis.looked_up else None
-        for axis in p.axes
+        prepare(sequence, axis, light, wide, known, settings) if axis.looked_up else None for axis in p.axes
     ]
     # residuals of a table are noise; differences of neighbours between grey values of cells are not
     noise = next((one.noise for one in look_ups if one is not None and one.noise is not None), noise)
@@ -332,7 +331,7 @@ def prepared(sequence: Sequence, settings: Settings, profile: Estimates) -> Prep
     dof = sum(len(f.index) - 3 for axis in axes if not axis.looked_up for f in axis.fringes)
     dof += sum(len(axis.fringes) - 1 for axis, one in zip(axes, own, strict=True) if one.deviation > 0)
     look_ups = tuple(
-        None if one.look_up is None else table_of(sequence, p, axis, one.look_up)
+        None if one.look_up is None else table_of(sequence, axis, one.look_up)
         for axis, one in zip(axes, own, strict=True)
     )
     dof += sum(table.dof for table in look_ups if table is not None)

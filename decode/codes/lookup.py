@@ -138,12 +138,11 @@ class _Found(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A sample matched by a table; misfit: chi2 over freedom, infinite without a place."""
+    """A sample matched by a table."""
 
     optics: Optics
     table: Table
     found: _Found
-    misfit: F64
 
 
 def lookup_rows(light: Light, noise: Noise, table: Table, either: int, out: Lines) -> None:
@@ -248,7 +247,6 @@ def _rival_error(light: Light, raw: NDArray[Any], index: I64, at: I64, noise: No
 
 def prepare(
     sequence: Sequence,
-    plan: Plan,
     axis: AxisPlan,
     light: Light,
     sample: Sample,
@@ -272,40 +270,38 @@ def prepare(
 
     def fitted(optics: Optics, start: F64 | None) -> _Trial:
         optics = optics._replace(light=display)
-        table = _known(sequence, plan, axis, optics, start is None)
-        found = _matched(levels, raw, raw.shape[1], assumed, table, start)
-        return _Trial(optics, table, found, np.where(np.isfinite(found.variance), found.chi2, np.inf))
+        table = _known(sequence, axis.axis, optics, start is None)
+        return _Trial(optics, table, _matched(levels, raw, raw.shape[1], assumed, table, start))
 
     # grey values of single cells are found only by a spread that is near the true one
-    first = [_optics(spread, blur, on_cells) for spread in (_STARTS if axis.levels else _STARTS[:1])]
-    if not few.shape[1]:
-        return LookUp(first[0]._replace(light=display), 0.0, noise)
-    best = _likeliest([fitted(one, None) for one in first])
-    found = best.found
-    start = np.where(found.error < 1e-3, found.place, np.nan)
+    starts = _STARTS if axis.levels else _STARTS[:1]
+    first = [fitted(_optics(spread, blur, on_cells), None) for spread in starts]
+    best = _likeliest(first)
+    start = np.where(best.found.error < 1e-3, best.found.place, np.nan)
     if not np.isfinite(start).any():
-        return LookUp(first[0]._replace(light=display), 0.0, noise)
+        return LookUp(first[0].optics, 0.0, noise)
     if noise is None:
-        assumed = _residual_noise(best.table, found, floor)
+        assumed = _residual_noise(best, floor)
     best = _likeliest(_tried(lambda optics: fitted(optics, start), axis, blur, on_cells))
-    if not np.isfinite(best.found.variance).any():
-        return LookUp(best.optics, 0.0, Noise(floor) if noise is None else None)
     if noise is None:
-        return LookUp(best.optics, 0.0, _residual_noise(best.table, best.found, floor))
-    return LookUp(best.optics, _beyond(best.table, best.found, noise), None)
+        return LookUp(best.optics, 0.0, _residual_noise(best, floor))
+    return LookUp(best.optics, _beyond(best, noise), None)
 
 
-def table_of(sequence: Sequence, plan: Plan, axis: AxisPlan, estimates: LookUp) -> Table:
+def table_of(sequence: Sequence, axis: AxisPlan, estimates: LookUp) -> Table:
     """Table of an axis by the estimates of an earlier capture."""
-    table = _known(sequence, plan, axis, estimates.optics, True)
+    table = _known(sequence, axis.axis, estimates.optics, True)
     return replace(table, misfit2=estimates.misfit2, noise=estimates.noise)
 
 
-def _known(sequence: Sequence, plan: Plan, axis: AxisPlan, optics: Optics, search: bool) -> Table:
+@lru_cache(maxsize=_KEPT)
+def _known(sequence: Sequence, name: str, optics: Optics, search: bool) -> Table:
     """search: see _table."""
+    plan = plan_of(sequence)
+    axis = next(one for one in plan.axes if one.axis == name)
     if axis.stripes is not None:
-        return _sweep(sequence, axis.axis, optics)
-    return _table(sequence, axis.axis, optics, _frames_of(plan, axis), search)
+        return _sweep(axis, axis.stripes, optics)
+    return _table(sequence, axis, optics, _frames_of(plan, axis), search)
 
 
 def _optics(spread: float, blur: float | None, on_cells: bool) -> Optics:
@@ -343,14 +339,16 @@ def _tried(
 def _likeliest(trials: list[_Trial]) -> _Trial:
     """By -2 log likelihood over all places of each pixel: squared residuals with long tails."""
     dof = trials[0].table.dof
-    misfit = np.minimum([one.misfit for one in trials], _NO_FIT)
-    variance = np.minimum([one.found.variance for one in trials], 1.0)
+    variance = np.array([one.found.variance for one in trials])
+    misfit = np.where(np.isfinite(variance), np.minimum([one.found.chi2 for one in trials], _NO_FIT), _NO_FIT)
+    variance = np.minimum(variance, 1.0)
     cost = (_TAIL * dof * np.log1p(misfit / _TAIL) - np.log(variance)).sum(axis=1)
     return trials[int(np.argmin(cost))]
 
 
-def _beyond(table: Table, found: _Found, noise: Noise) -> float:
+def _beyond(trial: _Trial, noise: Noise) -> float:
     """Variance of the residuals beyond noise, over the squared scale, from their median."""
+    table, found = trial.table, trial.found
     used = np.isfinite(found.variance)
     usual = (1 - 2 / (9 * table.dof)) ** 3  # of chi2 over its freedom, for noise alone
     excess = float(np.median(found.chi2[used])) / usual - 1 if used.any() else 0.0
@@ -360,10 +358,10 @@ def _beyond(table: Table, found: _Found, noise: Noise) -> float:
     return excess * float(np.median(own)) if excess > chance else 0.0
 
 
-def _residual_noise(table: Table, found: _Found, floor: float) -> Noise:
+def _residual_noise(trial: _Trial, floor: float) -> Noise:
     """Noise from the residuals of a sample, by level."""
-    used = np.isfinite(found.variance)
-    words, n, at = table.book.words, found.samples.shape[1], found.codeword[used]
+    found, used = trial.found, np.isfinite(trial.found.variance)
+    words, n, at = trial.table.book.words, found.samples.shape[1], found.codeword[used]
     block, q = found.block[used], np.minimum(at.astype(np.int64), words.shape[1] - 2)
     z = words[block, q] + (at - q)[:, None] * (words[block, q + 1] - words[block, q])
     level = found.offset[used, None] + found.scale[used, None] * z
@@ -381,11 +379,10 @@ def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:
     return index
 
 
-@lru_cache(maxsize=_KEPT)
-def _table(sequence: Sequence, name: str, optics: Optics, index: tuple[int, ...], search: bool) -> Table:
+def _table(sequence: Sequence, axis: AxisPlan, optics: Optics, index: tuple[int, ...], search: bool) -> Table:
     """Table of any levels at the places -1 + k / PER_PX; search: over the whole surface, else from given
     places."""
-    axis = next(one for one in plan_of(sequence).axes if one.axis == name)
+    name = axis.axis
     frames = [sequence.frames[i] for i in index]
     if optics.spread == 0:
         place = np.arange((axis.extent + 1) * PER_PX + 1) / PER_PX - 1
@@ -461,12 +458,9 @@ def _surface(words: F32, reach: int) -> tuple[F32, I64, F32]:
     return coarse, rivals, np.stack([np.sqrt(1 - cosine**2), cosine], axis=2).astype(np.float32)
 
 
-@lru_cache(maxsize=_KEPT)
-def _sweep(sequence: Sequence, name: str, optics: Optics) -> Table:
+def _sweep(axis: AxisPlan, stripes: Stripes, optics: Optics) -> Table:
     """Raised cosines around each place of a sweep, over the frames that illuminate one place."""
-    axis = next(one for one in plan_of(sequence).axes if one.axis == name)
-    stripes, spread = axis.stripes, optics.spread
-    assert stripes is not None
+    spread = optics.spread
     at, reach = stripes.at, 1.25 * stripes.width + 2 * spread
     side = min(max(2, math.ceil(reach / float(np.median(np.diff(at))))), (len(at) - 1) // 2)
     samples = np.arange(2 * side + 1)
