@@ -7,7 +7,7 @@ z = h(x, y) by Newton's method, no edges; checked against `scene.trace`, which b
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,13 +37,12 @@ _CENTRAL = 100.0  # steps of a central difference
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The least-squares problem. Unknowns (p,) with prior means and sigmas; other values are in `fixed`."""
+    """The least-squares problem: unknowns (p,) with prior means and sigmas."""
 
     scene: Scene
     samples: Sequence[Sample]
     sigmas: Mapping[str, float]
     means: Mapping[str, float]
-    fixed: Mapping[str, float] = field(default_factory=dict)
     frame: str = ""
 
     @property
@@ -77,8 +76,12 @@ class Problem:
         return np.array([self.means.get(name, 0.0) for name in self.names])
 
     def named(self, vector: Floats) -> dict[str, float]:
-        """Values of the unknowns and the fixed values, by name."""
-        return dict(self.fixed) | dict(zip(self.names, vector.tolist(), strict=True))
+        """Values of the unknowns, by name."""
+        return dict(zip(self.names, vector.tolist(), strict=True))
+
+    def vector(self, values: Mapping[str, float]) -> Floats:
+        """Values (p,) of the unknowns; those that are missing have their prior's mean."""
+        return np.array([values.get(name, mean) for name, mean in zip(self.names, self.prior, strict=True)])
 
     def scene_at(self, vector: Floats) -> Scene:
         """The scene with these parameter values."""
@@ -118,9 +121,9 @@ class Problem:
         """Jacobian by one-sided differences of `steps` steps; a target's unknowns affect only its capture."""
         starts = np.cumsum([0, *(2 * len(sample.row) for sample in self.samples)])
         rows = np.zeros((self.count, len(vector)))
-        scene, fixed, data = self.scene_at(vector), self.named(vector), self.count - len(vector)
+        scene, values, data = self.scene_at(vector), self.named(vector), self.count - len(vector)
         moves = [steps * step_of(name) + at - at for name, at in zip(self.names, vector, strict=True)]
-        moved = [fixed | {name: fixed[name] + by} for name, by in zip(self.names, moves, strict=True)]
+        moved = [values | {name: values[name] + by} for name, by in zip(self.names, moves, strict=True)]
         scenes = {
             k: shifted(self.scene, self._of_scene(moved[k]), self.known)
             for k, name in enumerate(self.names)
@@ -131,7 +134,7 @@ class Problem:
         for i, s in enumerate(self.samples):
             n, own, part = s.row.size, self._own(s), rows[starts[i] : starts[i + 1]]
             rays = [rays_of(each, s.row, s.col) for each in (scene, *(scenes[k] for k in turned))]
-            out = self._reflected(s, fixed, np.concatenate(rays, axis=2))
+            out = self._reflected(s, values, np.concatenate(rays, axis=2))
             here, *there = _rows(s, scene, out)
             part[:, turned] = np.transpose(there) - here[:, None]
             for k, name in enumerate(self.names):
@@ -194,7 +197,7 @@ def adjust(problem: Problem, start: Mapping[str, float], rough: bool = False, mo
     """The minimum from a start (missing names: the prior's mean) in at most `most` evaluations. rough: stop
     where a step lowers the sum of squares by less than 1e-6 of it, with one-sided Jacobians at half the
     cost."""
-    first = np.array([start.get(name, mean) for name, mean in zip(problem.names, problem.prior, strict=True)])
+    first = problem.vector(start)
 
     def residuals(vector: Floats) -> Floats:
         try:

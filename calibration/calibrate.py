@@ -16,7 +16,7 @@ from optolever.arrays import Floats
 from optolever.blocks import blas_on_one
 from optolever.errors import InputError
 from optolever.notices import Notice
-from optolever.scene import Covariance, RestForm, Scene, adjusted, parameter_changes, parameter_values
+from optolever.scene import Covariance, RestForm, Scene, parameter_changes, parameter_values
 
 from .adjust import Adjustment, Problem, adjust, among, step_of
 from .error_budget import error_sources
@@ -159,7 +159,7 @@ def calibrate(
     found = None if guess or told else _without_guess(scene, samples, sigmas)
     for sample in samples:
         sigmas |= sample.target.unknowns(sample.name, sample.name == frame)
-    problem = Problem(scene, samples, sigmas, means, {}, frame)
+    problem = Problem(scene, samples, sigmas, means, frame)
     if found is not None:
         base, first = found
         problem = replace(problem, scene=base)
@@ -212,7 +212,7 @@ def _least(problem: Problem, mean: dict[str, float]) -> Adjustment:
     starts = _rest_minima(_thinned(problem), mean) if isinstance(frame.target, Rest) else [mean]
 
     def joined(first: dict[str, float]) -> Adjustment:
-        return adjust(problem, _roughly(problem, _staged(_thinned(problem), first)))
+        return adjust(problem, _roughly(problem, _first_poses(problem, first)))
 
     found = _minima(joined, starts)
     return among(min(found, key=lambda each: each.cost), found)
@@ -301,34 +301,20 @@ def _roughly(problem: Problem, first: Mapping[str, float]) -> dict[str, float]:
     return found.problem.named(found.values)
 
 
-def _staged(problem: Problem, first: dict[str, float]) -> dict[str, float]:
-    """Start values of the captures other than the frame's, adjusted one by one with the rest fixed."""
-    values = dict.fromkeys(problem.sigmas, 0.0) | first
+def _first_poses(problem: Problem, values: dict[str, float]) -> dict[str, float]:
+    """Start values with those of the balls: below the centroid of its pixels; depth d by the contact radius,
+    a^2 = R d."""
+    camera, mirror = problem.scene_at(problem.vector(values)).camera, problem.scene.mirror
+    found = dict(values)
     for sample in problem.samples:
-        if sample.name != problem.frame:
-            values |= _first_pose(problem, sample, values)
-            own = {key: sigma for key, sigma in problem.sigmas.items() if key.startswith(f"{sample.name}.")}
-            alone = replace(problem, samples=[sample], sigmas=own, fixed=dict(values))
-            values = alone.named(adjust(alone, values, rough=True).values)
-    return values
-
-
-def _first_pose(problem: Problem, sample: Sample, values: Mapping[str, float]) -> dict[str, float]:
-    """Start values of a ball: below the centroid of its pixels; depth d by the contact radius, a^2 = R d."""
-    if not isinstance(sample.target, Ball):
-        return {}
-    known = parameter_values(problem.scene)
-    scene = adjusted(problem.scene, {name: value for name, value in values.items() if name in known})
-    o, d = scene.camera.rays_at(sample.row, sample.col)
-    foot = o - (o[:, 2] / d[:, 2])[:, None] * d
-    middle = foot[:, :2].mean(axis=0)
-    half = 0.5 * np.ptp(foot[:, 1])
-    place = middle - 0.5 * np.array([scene.mirror.length, scene.mirror.width])
-    return {
-        f"{sample.name}.x": float(place[0]),
-        f"{sample.name}.y": float(place[1]),
-        f"{sample.name}.depth": float(half**2 / sample.target.radius),
-    }
+        if isinstance(sample.target, Ball):
+            o, d = camera.rays_at(sample.row, sample.col)
+            foot = (o - (o[:, 2] / d[:, 2])[:, None] * d)[:, :2]
+            x, y = foot.mean(axis=0) - 0.5 * np.array([mirror.length, mirror.width])
+            depth = (0.5 * np.ptp(foot[:, 1])) ** 2 / sample.target.radius
+            own = {"x": x, "y": y, "depth": depth}
+            found |= {f"{sample.name}.{key}": float(value) for key, value in own.items()}
+    return found
 
 
 def _require_balls(result: Adjustment) -> None:
