@@ -1,7 +1,7 @@
 """Row blocks on threads: the one way in which work is spread over cores (kernels release the GIL)."""
 
-import importlib
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -44,10 +44,9 @@ def threads() -> int:
     return os.cpu_count() or 1
 
 
-@lru_cache(maxsize=1)
-def _libraries() -> ThreadpoolController:
-    """NumPy's BLAS and SciPy's, which is another one."""
-    importlib.import_module("scipy.linalg")
+@lru_cache(maxsize=2)
+def _libraries(scipy: bool) -> ThreadpoolController:
+    """NumPy's BLAS and, where it is loaded, SciPy's, which is another one."""
     return ThreadpoolController()
 
 
@@ -55,7 +54,7 @@ def _libraries() -> ThreadpoolController:
 def blas_on_one() -> Iterator[None]:
     """BLAS on one thread, for systems of some hundred unknowns: more threads mostly wait for each other, on a
     busy machine 100 ms at a time. Also a decorator."""
-    with _libraries().limit(limits=1, user_api="blas"):
+    with _libraries("scipy.linalg" in sys.modules).limit(limits=1, user_api="blas"):
         yield
 
 

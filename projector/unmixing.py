@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d, maximum_filter
 
 from optolever.errors import InputError
 from optolever.patterns import STRIPES, Frame, Sequence
@@ -105,7 +105,7 @@ def unmixed(
         light = seen / white - response.dark
         if mosaic is not None:
             light = np.stack([moved(light[..., c], at) for c, at in enumerate(sites(mosaic))], axis=-1)
-            full = maximum_filter(full, 2 * _TAPS - 1)
+            full = scipy.ndimage.maximum_filter(full, 2 * _TAPS - 1)
         light = light @ back.T
         for channel, i in enumerate(own):
             total[i] += light[..., channel] / often[i]
@@ -189,7 +189,7 @@ def moved(plane: Floats, by: tuple[float, float]) -> Floats:
     for axis, shift in enumerate(by):
         if shift:
             at, taps = _taps(shift)
-            plane = correlate1d(plane, taps, axis, mode="mirror", origin=-int(at[_TAPS]))
+            plane = scipy.ndimage.correlate1d(plane, taps, axis, mode="mirror", origin=-int(at[_TAPS]))
     return plane[_TAPS:-_TAPS, _TAPS:-_TAPS]
 
 
