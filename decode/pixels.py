@@ -90,9 +90,10 @@ def pixel_rows(
         else:  # apart: each is compiled where it is needed
             one = *light, noise, table.fringes, table.numbers, rows, (a, at), fits[a], out, lines, words, top
             _close_rows(*one, table.orders) if table.close else _axis_rows(*one, table.bits)
-    row, col = np.nonzero(out.flags[at : at + stop - start] & CLIPPED)
-    if not row.size:
+    flags = out.flags[at : at + stop - start]
+    if flags.max() < CLIPPED:  # the highest of all, and a maximum costs less than a search
         return
+    row, col = np.nonzero(flags & CLIPPED)
     few = np.ascontiguousarray(light[0][:, row + start, col])
     own = few, *light[1:], noise
     fits = [none if table.given else refitted(*own, table.fringes, table.designs) for table in tables]
