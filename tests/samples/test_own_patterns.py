@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -58,11 +59,13 @@ SMALL = ["--scene", "prism48", "--pixels", "64x48"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder, with a module of the user's."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The working folder, with a module of the user's; docs/howto/code.md has one of that name."""
     (tmp_path / "my_dots.py").write_text(DOTS)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    sys.modules.pop("my_dots", None)
+    yield tmp_path
+    sys.modules.pop("my_dots", None)
 
 
 COMPARE = ["design", *SMALL, "--dent", "gaussian:peak=0.2"]
@@ -84,7 +87,8 @@ def test_random_dots_with_a_decoder_of_ones_own(folder: Path) -> None:
 
 
 def test_own_decoders_that_do_not_serve(folder: Path, refused: Callable[..., str]) -> None:
-    refused([*COMPARE, "--code", "gray@my_dots:absent"], "my_dots:absent", "cannot be imported")
+    written = ["--out", "b.png", "--json", "b.json"]
+    refused([*COMPARE, "--code", "gray@my_dots:absent", *written], "my_dots:absent", "cannot be imported")
     refused(["design", *SMALL, "--add", "my_dots:dots"], "my_dots:dots", "is images, name a decoder")
     refused(["design", *SMALL, "--fault", "lag=0", "--fault", "lag=0.1"], "--code: missing")
     scene = resize(load("prism48"), 36, 48)
