@@ -80,7 +80,7 @@ class Problem:
         return dict(zip(self.names, vector.tolist(), strict=True))
 
     def vector(self, values: Mapping[str, float]) -> Floats:
-        """Values (p,) of the unknowns; those that are missing have their prior's mean."""
+        """Values (p,) of the unknowns; a missing one has its prior's mean."""
         return np.array([values.get(name, mean) for name, mean in zip(self.names, self.prior, strict=True)])
 
     def scene_at(self, vector: Floats) -> Scene:

@@ -127,13 +127,14 @@ def command(
                     with step.aside():
                         _print_row(row, len(rows) == 1, max(map(len, codes)), title)
         finally:  # Ctrl-C keeps what there is
-            with ol.files.together():
-                if rows and out is not None:
-                    design.write_tradeoff_chart(out, design.condition_panels(rows), title)
-                if rows and json_path is not None and json_path.suffix.lower() == ".csv":
-                    design.write_tradeoff_csv(json_path, rows)
-                elif rows:
-                    write_json(json_path, {"rows": [asdict(row) for row in rows]})
+            if rows:
+                with ol.files.together():
+                    if out is not None:
+                        design.write_tradeoff_chart(out, design.condition_panels(rows), title)
+                    if json_path is not None and json_path.suffix.lower() == ".csv":
+                        design.write_tradeoff_csv(json_path, rows)
+                    else:
+                        write_json(json_path, {"rows": [asdict(row) for row in rows]})
         return
     if len(faults) * len(noises) > 1:
         raise InputError("--code: missing; several noises or faults compare named codes")

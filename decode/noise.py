@@ -99,12 +99,7 @@ def fit_noise(plan: Plan, sample: Sample, rounding: float = 1 / 12) -> Noise:
         kinds.append(_of_rows(rows, levels, first, fringes))
     if sum(len(one) for one, _ in kinds) < _FEWEST:
         kinds = [_of_rows(np.eye(len(levels)), levels, first)]
-    return _line(kinds, rounding)
-
-
-def noise_of(level: F64, residual: F64, rounding: float) -> Noise:
-    """Noise of residuals at levels; rounding: see fit_noise."""
-    return _line([(level, residual)], rounding)
+    return noise_of(kinds, rounding)
 
 
 def _two_levels(level: F64) -> bool:
@@ -198,8 +193,9 @@ def _bins(level: F64, residual: F64) -> list[tuple[float, float, float]]:
     return found
 
 
-def _line(kinds: list[Residuals], rounding: float) -> Noise:
-    """Straight line through the variances by level, both terms limited from below."""
+def noise_of(kinds: list[Residuals], rounding: float) -> Noise:
+    """Straight line through the variances of residuals by level, (n,) each, kind by kind; both terms limited
+    from below; rounding: see fit_noise."""
     bins = [one for kind in kinds for one in _bins(*kind)]
     if not bins:
         return Noise(max(1.0, rounding))

@@ -161,7 +161,10 @@ def _estimate(
             found = _places(light, prepared(sequence, settings, profile), sample)
             every = zip(profile.axes, p.axes, found, strict=True)
             profile = profile._replace(axes=tuple(_between(*one, sample, noise) for one in every))
-        places = lambda of: _places(light, prepared(sequence, settings, profile), of)  # noqa: E731
+
+        def places(of: Sample) -> F64:
+            return _places(light, prepared(sequence, settings, profile), of)
+
         return View(p, noise, sample, wide, places, lens), profile
 
     lens = BLURRED if settings.lens_px is None else 0.0

@@ -367,7 +367,7 @@ def _residual_noise(trial: _Trial, floor: float) -> Noise:
     level = found.offset[used, None] + found.scale[used, None] * z
     residual = (found.samples[used] - level) * math.sqrt(n / max(n - 3, 1))
     good = np.isfinite(residual)
-    return noise_of(level[good], residual[good], floor)
+    return noise_of([(level[good], residual[good])], floor)
 
 
 def _frames_of(plan: Plan, axis: AxisPlan) -> tuple[int, ...]:

@@ -90,8 +90,8 @@ def _shoot(shown: Sequence, size: tuple[int, int]) -> tuple[NDArray[Any], tuple[
 
 
 def _of_code(text: str, size: tuple[int, int]) -> Iterator[Figure]:
-    """By a profile of the rig that another capture told, and without one: processor time, minima in one run
-    with the floor's."""
+    """By a profile of the rig from another capture, and without one: processor time, minima in one run with
+    the floor's."""
     shown = sequence(text, *size)
     frames = speed_frames(shown, size)
     decoder = Decoder(shown, estimate_profile(frames, shown))

@@ -169,7 +169,7 @@ def _commit() -> str:
 
 
 def _machine() -> str:
-    load = f"{os.getloadavg()[2]:.1f} programs at work"
+    load = f"{os.getloadavg()[2]:.1f} programs at work before"
     return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}, {load}"
 
 

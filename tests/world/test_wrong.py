@@ -28,7 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", range(2))
+@pytest.mark.parametrize("rig", range(4))
 @pytest.mark.parametrize("code", CODES)
 def test_every_wrong_frame_is_refused_or_harmless(code: str, rig: int) -> None:
     """Of plain Gray code a bit's picture that is shown twice, or exchanged with another, is a valid code."""
